@@ -40,7 +40,7 @@ def write_template(folder: str | Path) -> list[Path]:
         if read_named(home / name) != texts[name].encode():
             raise FileExistsError(f"folder must not have a {name} of one's own, got {home / name}")
     if len(present) == len(texts):
-        log_finished(home)
+        log_finished(home.resolve())
     home.mkdir(parents=True, exist_ok=True)
     for name, text in texts.items():
         write_whole(home / name, text)
