@@ -227,6 +227,8 @@ def _make_ground(home):
     (home / "entry.toml").write_text(cut_recipe("wang2007"))
     run_benchmark([home / "entry.toml"], home / "ground", ground=home / "ground.toml")
     write_score_tables([home / "ground"], home / "ground")
+    shutil.copytree(home / "ground", home / "pair", symlinks=True)
+    shutil.copytree(home / "pair" / "entries" / "entry", home / "pair" / "entries" / "second")
     ground = load_ground(False, home / "ground.toml")
     card = CARD.replace("tiny-3", ground.title)
     write_submission(home / "submission", ground, card)

@@ -415,6 +415,14 @@ COMMANDS = [
         drawn=("*/score-*.json",),
         cache=("ground/kept/*",),
     ),
+    Command("benchmark template", "benchmark template {out}/mine"),
+    Command(
+        "benchmark compare",
+        "benchmark compare entry {out}/pair --with second",
+        beside=("pair",),
+        loose=("*costs.csv", "pair/index.html", "*/truth.sealed.json.log.jsonl"),
+        drawn=("*/score-*.json",),
+    ),
     Command(
         "benchmark table",
         "benchmark table {out}/ground",

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
+import pandas as pd
+
 import flgpr
+from flgpr.scoring import paired_interval
 from flgpr_ground.card import Card
-from flgpr_ground.ground import GROUNDS, Ground, load_ground
+from flgpr_ground.ground import GROUNDS, MINES, Ground, load_ground
 
 CREATOR = "The flgpr developers"
 """Who made the packaged grounds, as CITATION.cff names them."""
@@ -17,6 +22,15 @@ PUBLISHED = {
     "full-wave-1": "2026-11-23",
 }
 """Days on which the packaged descriptions were committed, before a detector ran on their lanes."""
+
+
+WANG2007 = """\
+@article{wang2007, author = {Wang, Tsaipei and Keller, James M. and Gader, Paul D. and Sjahputera, Ozy},
+  title = {Frequency Subband Processing and Feature Analysis of Forward-Looking Ground-Penetrating Radar
+    Signals for Land-Mine Detection},
+  journal = {IEEE Transactions on Geoscience and Remote Sensing}, volume = {45}, number = {3},
+  year = {2007}, doi = {10.1109/TGRS.2006.888142}}"""
+"""BibTeX of the paper whose C_HH is the reference of the packaged grounds."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +92,81 @@ def bibtex_of_ground(ground: Ground) -> str:
         f"title = {{{ground.title}: a proving ground for forward-looking ground-penetrating "
         f"radar}}, note = {{made with flgpr {flgpr.__version__}}}}}"
     )
+
+
+def bibtex(ground: Ground) -> str:
+    """Return the entries of BibTeX for the software, the ground and the method of its reference."""
+    software = (
+        f"@software{{flgpr, author = {{{{{CREATOR}}}}}, version = {{{flgpr.__version__}}}, "
+        "title = {flgpr: forward-looking ground-penetrating radar, end to end}}"
+    )
+    entries = [software, bibtex_of_ground(ground)] if is_packaged(ground) else [software]
+    return "\n\n".join([*entries, WANG2007]) + "\n"
+
+
+def latex_table(ground: Ground, scores: pd.DataFrame, split: str) -> str:
+    """Return a table of booktabs: Pd, counts, chance and difference from the reference by entry.
+
+    Parameters
+    ----------
+    ground : Ground
+        The ground with all of its tiers.
+    scores : pandas.DataFrame
+        What :func:`flgpr_ground.table.score_entries` returns.
+    split : str
+        Name of the split.
+
+    Returns
+    -------
+    str
+        LaTeX text: an environment ``tabular``, and comments that say what is in it.
+    """
+    is_shown = (scores["split"] == split) & (scores["group"] == MINES)
+    shown = scores[is_shown & (scores["far_allowed"] == ground.table.far)]
+    lines = [
+        f"% {cite_ground(ground)} Split {split}; \\usepackage{{booktabs}}.",
+        f"% Pd of mines at {ground.table.far:g} false alarms per m^2, exact 95 % intervals; chance: "
+        "Pd of alarms that know nothing of the mines;",
+        f"% difference from {ground.table.reference}: Tango's 95 % interval, p of McNemar's exact test.",
+        "\\begin{tabular}{lrrrrrr}",
+        "\\toprule",
+        "detector & $P_d$ & found & false & chance & difference & $p$ \\\\",
+    ]
+    for tier in ground.chosen_tiers():
+        of_tier = shown[shown["tier"] == tier.tier] if tier.tier else shown
+        if len(of_tier):
+            lines += ["\\midrule", *_latex_rows(of_tier, tier.tier_title)]
+    return "\n".join([*lines, "\\bottomrule", "\\end{tabular}"]) + "\n"
+
+
+def _latex_rows(scores: pd.DataFrame, title: str) -> Iterator[str]:
+    """Yield the rows of a tier, the largest Pd first."""
+    if title:
+        yield f"\\multicolumn{{7}}{{l}}{{\\emph{{{_latex(title)}}}}} \\\\"
+    for row in scores.sort_values("pd", ascending=False, kind="stable").to_dict("records"):
+        paired = ["--", "--"]
+        if np.isfinite(row.get("p", np.nan)):
+            only, other, total = row["only"], row["reference_only"], row["n_targets"]
+            low, high = paired_interval(only, other, total)
+            paired = [f"${(only - other) / total:+.2f}$ (${low:+.2f}$ to ${high:+.2f}$)"]
+            paired.append(f"{row['p']:.2g}")
+        cells = [
+            _latex(str(row["entry"])),
+            f"{row['pd']:.2f} ({row['pd_low']:.2f} to {row['pd_high']:.2f})",
+            f"{row['n_detected']:.0f} of {row['n_targets']:.0f}",
+            f"{row['n_false']:.0f}",
+            f"{row['chance']:.2f}",
+            *paired,
+        ]
+        yield " & ".join(cells) + " \\\\"
+
+
+def _latex(text: str) -> str:
+    """Return text with the characters escaped that LaTeX would take as its own."""
+    escaped = text.replace("\\", "\\textbackslash ")
+    for letter in "&%$#_{}":
+        escaped = escaped.replace(letter, f"\\{letter}")
+    return escaped.replace("~", "\\textasciitilde ").replace("^", "\\textasciicircum ")
 
 
 def cite_submission(card: Card) -> str:

@@ -1,29 +1,51 @@
-"""Entering submissions: checked, scored on the sealed truth once, and listed beside all others."""
+"""Entering submissions: checked, scored on the sealed truth once, and listed beside all others.
+
+What ``flgpr benchmark run`` made of a class of one's own is written as a submission, too.
+"""
 
 from __future__ import annotations
 
+import datetime
 import json
+import math
+import os
+import platform
+import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
 from flgpr.door import Folder, refuse_links
 from flgpr.store import sha256, write_table, write_whole
 from flgpr.store.outputs import atomic_output, discard_partials, locked_folder
-from flgpr_ground.card import CARD, RECORD, entered_card
+from flgpr.store.tables import read_table_in
+from flgpr.toml_text import toml_value
+from flgpr_ground.card import CARD, RECORD, entered_card, parse_card
 from flgpr_ground.entries import Entry
 from flgpr_ground.ground import Ground, in_tier
 from flgpr_ground.leaderboard import refuse_other_page, write_leaderboard
-from flgpr_ground.running import ALARMS, begin_folder, read_ground, seal_tested, write_about
-from flgpr_ground.submission import (
-    Submission,
-    check_submission,
+from flgpr_ground.running import (
+    ABOUT,
+    ALARMS,
+    PRINTS,
+    begin_folder,
+    entry_folder,
+    measured_cost,
+    read_ground,
+    seal_tested,
+    write_about,
 )
+from flgpr_ground.submission import Submission, check_submission
 from flgpr_ground.table import write_score_tables
 from flgpr_trials.ledger import alarm_hash
 
+SUBMISSIONS = "submissions"
+"""Folder of the submissions that a run wrote, in the folder of the ground."""
+SHOWN = "shown.json"
+"""Beside the sealed truth: says that somebody saw test lanes about their targets."""
 LEADERBOARD = "leaderboard.html"
 """The page, in the folder of the ground."""
 ENTRIES = "entries"
@@ -125,7 +147,11 @@ def _refuse_second(submission: Submission, ground: Ground, folder: Path) -> None
     refuse_links(own_folder)
     if not own_folder.exists():
         return
-    if read_ground(folder) == ground and Folder(own_folder).has(RECORD):
+    if read_ground(folder) == ground and not Folder(own_folder).has(RECORD):
+        # What was run here and is entered as it is: its alarms were scored already.
+        if _digests_of_run(submission.name, ground, folder) == dict(_digests(submission, ground)):
+            return
+    elif read_ground(folder) == ground:
         record = Folder(own_folder).json(RECORD)
         entered = record["alarms"]
         for key, digest in _digests(submission, ground):
@@ -145,6 +171,19 @@ def _refuse_second(submission: Submission, ground: Ground, folder: Path) -> None
     raise ValueError(
         f"submission must have a name that no other entry of {folder} has, got {submission.name}"
     )
+
+
+def _digests_of_run(name: str, ground: Ground, folder: Path) -> dict[str, str]:
+    """Return the digests of the lists of an entry that ran here, as :func:`_digests` does."""
+    digests = {}
+    for tier in ground.chosen_tiers():
+        for split in ground.table.splits:
+            entry = entry_folder(folder, name, tier)
+            if (entry / split / ALARMS).is_file():
+                alarms = read_table_in(entry, f"{split}/{ALARMS}", "alarms")
+                key = f"{tier.tier}/{split}" if tier.tier else split
+                digests[key] = alarm_hash(alarms)
+    return digests
 
 
 def _refuse_changed_cards(folder: Path) -> None:
@@ -202,6 +241,100 @@ def _fill_entry(submission: Submission, ground: Ground, target: Path) -> None:
     entry = Entry(submission.name, method, alarms=submission.folder)
     for tier, split, alarms in _by_tier(submission, ground):
         of_tier = target / tier.tier if tier.tier else target
+        if (of_tier / split / ALARMS).is_file():
+            continue  # the same alarms, by their digests
         write_about(tier, entry, of_tier)
         (of_tier / split).mkdir(exist_ok=True)
         write_table(alarms, of_tier / split / ALARMS)
+
+
+def write_submissions(folder: str | Path) -> list[Path]:
+    """Write what was run of classes of one's own as submissions, which ``enter`` takes as they are.
+
+    A card that is there stays, as long as it is of the same detector: it may have been edited.
+
+    Parameters
+    ----------
+    folder : str or path
+        Folder of ``flgpr benchmark run``.
+
+    Returns
+    -------
+    list of Path
+        The folder of each submission.
+    """
+    home = Path(folder)
+    ground = read_ground(home)
+    written = []
+    for path in sorted((home / ENTRIES).glob("*")):
+        tiers = []
+        for tier in ground.chosen_tiers():
+            files = Folder(entry_folder(home, path.name, tier))
+            about = files.json(ABOUT) if files.has(ABOUT) else {}
+            is_whole = all(files.has(f"{split}/{ALARMS}") for split in ground.table.splits)
+            if "authors" in about and not about["fault"] and is_whole:
+                tiers.append((tier, about))
+        if tiers:
+            written.append(_write_submission(home, path.name, tiers))
+    return written
+
+
+def _write_submission(
+    home: Path, name: str, tiers: Sequence[tuple[Ground, dict[str, Any]]]
+) -> Path:
+    """Write an entry that ran on tiers as a submission."""
+    target = home / SUBMISSIONS / name
+    refuse_links(target)
+    _, about = tiers[-1]
+    if (target / CARD).is_file():
+        card, _ = parse_card(Folder(target).read(CARD))
+        if card is not None and card.digest != about["made_of"]:
+            shutil.rmtree(target)
+    target.mkdir(parents=True, exist_ok=True)
+    if not (target / CARD).is_file():
+        write_whole(target / CARD, _card_text(home, name, tiers))
+    write_whole(target / PRINTS, Folder(home / "lanes").read(PRINTS))
+    for tier, _ in tiers:
+        entry = entry_folder(home, name, tier)
+        for split in tier.table.splits:
+            alarms = read_table_in(entry, f"{split}/{ALARMS}", "alarms")
+            for lane in tier.tested(split):
+                of_lane = alarms[alarms["lane"] == lane.name]
+                (target / split / lane.name).mkdir(parents=True, exist_ok=True)
+                write_table(of_lane, target / split / lane.name / ALARMS)
+    return target
+
+
+def _card_text(home: Path, name: str, tiers: Sequence[tuple[Ground, dict[str, Any]]]) -> str:
+    """Return the card of an entry that ran on tiers: what is known is filled in."""
+    ground, about = tiers[-1]
+    costs = [measured_cost(tier, name, entry_folder(home, name, tier)) for tier, _ in tiers]
+    entries: dict[str, Any] = {
+        "format": "flgpr-submission-1",
+        "ground": ground.title,
+        "name": name,
+        "version": about["made_of"][:12],
+        "method": about["title"][:400],
+        "authors": about["authors"] or ["not stated"],
+        "licence": "CC-BY-4.0",
+        "trained_on": "the training lanes of each fold, and nothing else",
+        "test_lanes_seen": (home / "lanes" / SHOWN).is_file(),
+        "test_truth_seen": False,
+        "digest": about["made_of"],
+    }
+    cost: dict[str, Any] = {
+        "hardware": f"{os.cpu_count()} processors, {platform.machine()}",
+        "seconds_per_km": round(max(cost["seconds_per_km"] for cost in costs), 1),
+        "training_seconds": round(max(cost["training_seconds"] for cost in costs), 1),
+    }
+    peak_bytes = max(cost["peak_bytes"] for cost in costs)
+    if math.isfinite(peak_bytes):
+        cost["peak_mib"] = round(peak_bytes / 2**20, 1)
+    lines = [f"{key} = {toml_value(value)}" for key, value in entries.items()]
+    lines += [
+        f"date = {datetime.date.today()}",
+        "",
+        "[cost]",
+        *(f"{key} = {toml_value(value)}" for key, value in cost.items()),
+    ]
+    return "\n".join(lines) + "\n"

@@ -1,8 +1,9 @@
-"""Detectors that enter a proving ground: packaged recipes, recipes of one's own and alarm lists."""
+"""Detectors that enter a proving ground: recipes, classes of one's own and alarm lists."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -18,6 +19,7 @@ from flgpr.simulate.scene.world import draw_track
 from flgpr.store import open_run
 from flgpr.toml_text import parse_toml
 from flgpr_ground.ground import GROUNDS, Ground, packaged_text
+from flgpr_ground.own import OwnDetector, is_own, load_own
 
 ORACLES = {
     "oracle": (
@@ -31,12 +33,13 @@ ORACLES = {
 
 @dataclass(frozen=True)
 class Entry:
-    """A detector that enters: a recipe, or alarm lists made elsewhere."""
+    """A detector that enters: a recipe, a class of one's own, or alarm lists made elsewhere."""
 
     name: str
     title: str
-    text: str = ""  #: TOML text of the recipe
-    alarms: Path | None = None  #: folder of the alarm lists; None for a recipe
+    text: str = ""  #: TOML text of the recipe, of which a class reads features or images
+    alarms: Path | None = None  #: folder of the alarm lists; None for what runs here
+    own: OwnDetector | None = None  #: the class of one's own
 
 
 def packaged_entries(ground: Ground) -> dict[str, Entry]:
@@ -121,7 +124,8 @@ def find_entry(what: str | Path, ground: Ground) -> Entry:
     Parameters
     ----------
     what : str or path
-        Name of a packaged entry or recipe, a recipe's file, or a folder with alarm lists.
+        Name of a packaged entry or recipe, a recipe's file, "module:Class" (:func:`load_own`), or a
+        folder with alarm lists.
     ground : Ground
         The ground.
 
@@ -133,6 +137,8 @@ def find_entry(what: str | Path, ground: Ground) -> Entry:
     entries = packaged_entries(ground)
     if str(what) in entries:
         return entries[str(what)]
+    if is_own(what):
+        return _own_entry(load_own(str(what)), entries)
     path = Path(what)
     if path.is_dir():
         if not list(path.glob("*.csv")):
@@ -142,3 +148,19 @@ def find_entry(what: str | Path, ground: Ground) -> Entry:
         return Entry(path.name, f"alarms of {path.name}", alarms=path)
     text = recipe_text(what)
     return Entry(path.stem, parse_recipe(text, str(what)).description, text)
+
+
+def _own_entry(own: OwnDetector, entries: Mapping[str, Entry]) -> Entry:
+    """Return the entry of a class of one's own, with the text of the recipe that it reads from."""
+    name = own.recipe or "wang2007"
+    text = entries[name].text if name in entries else recipe_text(name)
+    recipe = parse_recipe(text, name)
+    if recipe.learning() or recipe.detector is not None:
+        raise ValueError(
+            f"recipe of {own.path} must be one in which nothing learns, as wang2007, got {name}"
+        )
+    if own.name in entries:
+        raise ValueError(
+            f"{own.path} must not have the name of a packaged entry, got {own.name}: rename the class"
+        )
+    return Entry(own.name, own.method, text, own=own)

@@ -269,7 +269,7 @@ def leaderboard_figure(
     figure.legend(
         handles=_board_legend(),
         loc="outside upper center",
-        ncols=2 if narrow else 5,
+        ncols=2 if narrow else 5 if len(tiers) > 1 else 3,
         fontsize=8,
         frameon=False,
     )

@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 import shutil
+import time
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -23,14 +25,21 @@ from flgpr.jobs.job import code_versions, make_job
 from flgpr.jobs.survey import detect_survey
 from flgpr.jobs.training import train_on_lanes
 from flgpr.jobs.workers import DEFAULTS, Report, RunOptions
+from flgpr.method.classifier import feature_values, make_training_set
 from flgpr.recipe.schema import parse_recipe, recipe_text
+from flgpr.stages.too_few import check_classes
 from flgpr.store import open_run, read_manifest, sha256, write_table, write_whole
 from flgpr.store.outputs import log_finished
 from flgpr.store.run_writer import is_finished
 from flgpr.store.tables import parse_columns, read_table_in
+from flgpr_ground.card import CARD
 from flgpr_ground.entries import ORACLES, Entry, find_entry, packaged_entries
 from flgpr_ground.ground import Ground, GroundLane, in_tier, load_ground
+from flgpr_ground.lane_data import LaneData, lane_data
+from flgpr_ground.own import OwnDetector
 from flgpr_trials.sealing import seal_truth
+
+T = TypeVar("T")
 
 SEALED = "truth.sealed.json"
 PRINTS = "fingerprints.csv"
@@ -188,6 +197,28 @@ def read_costs(folder: Path) -> Costs:
     return dict(Folder(folder).json(COSTS)) if Folder(folder).has(COSTS) else {}
 
 
+def measured_cost(ground: Ground, name: str, entry: Path) -> dict[str, Any]:
+    """Return what an entry cost where it was run."""
+    metres = 0.0
+    lane_seconds = 0.0
+    training_seconds = 0.0
+    peaks = []
+    for work, cost in read_costs(entry).items():
+        if work in ground.lanes and cost:
+            metres += ground.lanes[work].length
+            lane_seconds += cost["processor_seconds"]
+            peaks.append(cost.get("peak_bytes", math.nan))
+        if work.startswith("training"):
+            training_seconds += cost["processor_seconds"]
+    kilometres = metres / 1000
+    return {
+        "entry": name,
+        "seconds_per_km": lane_seconds / kilometres if kilometres else math.nan,
+        "training_seconds": training_seconds,
+        "peak_bytes": max(peaks, default=math.nan),
+    }
+
+
 class _EntryRun:
     """The run of an entry over a ground.
 
@@ -196,7 +227,7 @@ class _EntryRun:
     ground : Ground
         The ground, or one tier of it.
     entry : Entry
-        An entry that is a recipe.
+        An entry that is a recipe or a class of one's own.
     lanes : Path
         The folder that has the lanes.
     folder : Path
@@ -213,6 +244,8 @@ class _EntryRun:
         self.folder = folder
         self.options = options
         self.recipe = parse_recipe(entry.text, entry.name)
+        self.own = entry.own
+        self.fitted: dict[tuple[str, ...], Any] = {}  # classes of one's own, by training lanes
         self.file = folder / "recipe.toml"
         write_whole(self.file, entry.text)
         self.costs = read_costs(folder)
@@ -236,12 +269,91 @@ class _EntryRun:
         self, trained_on: Sequence[GroundLane], tested: Sequence[GroundLane]
     ) -> pd.DataFrame:
         """Train on lanes, detect on others, and return the alarms of these with their lane."""
-        model = None
-        if self.recipe.learning() or self.recipe.detector is not None:
-            model = self._trained(trained_on)
+        if self.own is not None:
+            tables = self._own_alarms(self.own, trained_on, tested)
+        else:
+            model = None
+            if self.recipe.learning() or self.recipe.detector is not None:
+                model = self._trained(trained_on)
+            tables = [alarms for alarms, _ in self._detected(tested, model)]
+        named = zip(tested, tables, strict=True)
+        return pd.concat([table.assign(lane=lane.name) for lane, table in named], ignore_index=True)
+
+    def _own_alarms(
+        self, own: OwnDetector, trained_on: Sequence[GroundLane], tested: Sequence[GroundLane]
+    ) -> list[pd.DataFrame]:
+        """Return the alarms of a class of one's own in each lane; it sees truth in ``fit`` alone."""
+        names = tuple(lane.name for lane in trained_on)
+        if names not in self.fitted:
+            lanes = f"{own.name}: fit on {len(names)} lanes"
+            examples = self._own_examples(own, trained_on)
+            for _ in self.options.track([own], lanes, 1):
+                work = f"training {_short_digest(names)}"
+                self.fitted[names] = self._timed(work, own.fitted, *examples)
+        detector = self.fitted[names]
+        features = [None] * len(tested) if own.takes_lanes else self._features(tested)
+        given = zip(tested, features, strict=True)
+        tables = []
+        for lane, table in self.options.track(given, f"{own.name}: detect", len(tested)):
+            if table is None:
+                self.costs.pop(lane.name, None)  # of an earlier fold
+                tables.append(self._timed(lane.name, own.detect, detector, self._lane_data(lane)))
+                continue
+            alarms, rows = table
+            columns = own.columns(list(rows.columns))
+            complete = feature_values(rows, columns)[1]
+            chosen = rows.loc[complete, columns]
+            scores = self._timed(lane.name, own.scores, detector, chosen)
+            tables.append(alarms.loc[complete, ["x", "y"]].assign(confidence=scores))
+        return tables
+
+    def _own_examples(self, own: OwnDetector, lanes: Sequence[GroundLane]) -> tuple[Any, ...]:
+        """Return what a class of one's own learns from: lanes, or features and labels of alarms."""
+        given = [self._lane_data(lane) for lane in lanes]
+        if own.takes_lanes:
+            return (given,)
+        examples = []
+        for lane, (alarms, features) in zip(given, self._features(lanes), strict=True):
+            examples.append((lane.name, alarms, features, lane.truth, lane.lane))
+        columns = own.columns(list(examples[0][2].columns))
+        labelled = make_training_set(examples, self.ground.table.halo, columns)
+        check_classes("all", int((labelled.label == 1).sum()), int((labelled.label == 0).sum()))
+        return labelled.features[columns], labelled.label
+
+    def _features(self, lanes: Sequence[GroundLane]) -> list[tuple[pd.DataFrame, pd.DataFrame]]:
+        """Return the alarms of lanes and their features, which all folds share."""
+        folder = self.folder / "features"
+        missing = [lane for lane in lanes if not (folder / f"{lane.name}.csv").is_file()]
+        detected = self._detected(missing) if missing else []
+        for lane, (alarms, features) in zip(missing, detected, strict=True):
+            folder.mkdir(exist_ok=True)
+            write_table(alarms, folder / f"{lane.name}-alarms.csv")
+            write_table(features, folder / f"{lane.name}.csv")
+        tables = []
+        for lane in lanes:
+            alarms = read_table_in(folder, f"{lane.name}-alarms.csv", "alarms")
+            tables.append((alarms, parse_columns(Folder(folder).read(f"{lane.name}.csv"))))
+        return tables
+
+    def _lane_data(self, lane: GroundLane) -> LaneData:
+        """Return a lane as a class of one's own sees it."""
+        return lane_data(lane, self.lanes, recipe_text(self.file))
+
+    def _timed(self, work: str, call: Callable[..., T], *given: Any) -> T:
+        """Call a method of one's own, and count its processor time under a name of the costs."""
+        begun = time.process_time()
+        result = call(*given)
+        cost = self.costs.setdefault(work, {"processor_seconds": 0.0})
+        cost["processor_seconds"] += time.process_time() - begun
+        return result
+
+    def _detected(
+        self, lanes: Sequence[GroundLane], model: Path | None = None
+    ) -> list[tuple[pd.DataFrame, pd.DataFrame]]:
+        """Return the alarms of lanes by the recipe, and their features."""
         results = self.folder / "results"
         refuse_links(results)
-        runs, borders = self._files(tested)
+        runs, borders = self._files(lanes)
         with self._counting_costs(results) as (options, costs):
             text = recipe_text(self.file)
             jobs = []
@@ -251,16 +363,17 @@ class _EntryRun:
             detect_survey(jobs, results, options=options)
         self.costs |= costs
         tables = []
-        for lane in tested:
-            table = read_table_in(results, f"{lane.name}/alarms.csv", "alarms")
-            tables.append(table.assign(lane=lane.name))
+        for lane in lanes:
+            files = Folder(results / lane.name)
+            alarms = read_table_in(results, f"{lane.name}/alarms.csv", "alarms")
+            features = files.read_if_listed("features.csv")
+            tables.append((alarms, pd.DataFrame() if features is None else parse_columns(features)))
         shutil.rmtree(results)
-        return pd.concat(tables, ignore_index=True)
+        return tables
 
     def _trained(self, trained_on: Sequence[GroundLane]) -> Path:
         """Train on lanes, unless that was done, and return the model."""
-        lane_names = [lane.name for lane in trained_on]
-        name = sha256(json.dumps(lane_names).encode())[:12]
+        name = _short_digest([lane.name for lane in trained_on])
         model = self.folder / "models" / name
         if model.is_dir():
             return model
@@ -304,6 +417,11 @@ class _EntryRun:
             write_whole(folder / COSTS, json.dumps(costs, indent=1) + "\n")
 
 
+def _short_digest(lane_names: Sequence[str]) -> str:
+    """Return a short digest of the lanes that are trained on."""
+    return sha256(json.dumps(lane_names).encode())[:12]
+
+
 def run_entry(ground: Ground, entry: Entry, lanes: Path, folder: Path, options: RunOptions) -> None:
     """Train an entry, freeze it and write its alarms, or copy alarm lists made elsewhere.
 
@@ -322,6 +440,12 @@ def run_entry(ground: Ground, entry: Entry, lanes: Path, folder: Path, options: 
     """
     refuse_links(folder)
     if Folder(folder).has(ABOUT) and Folder(folder).json(ABOUT).get("made_of") != made_of(entry):
+        card = (folder.parent if ground.tier else folder) / CARD
+        if card.is_file():
+            raise ValueError(
+                f"{entry.name} must be the detector that was entered ({card}), got a changed one: "
+                "it runs under another name"
+            )
         shutil.rmtree(folder)
     write_about(ground, entry, folder)
     if entry.alarms is None:
@@ -374,17 +498,27 @@ def submitted(ground: Ground, folder: Path) -> dict[str, pd.DataFrame]:
 
 
 def made_of(entry: Entry) -> str:
-    """Return a digest of an entry's recipe and of the program."""
-    return sha256(json.dumps([entry.text, code_versions()]).encode())
+    """Return a digest of an entry's recipe, of its class and of the program."""
+    inputs: list[Any] = [entry.text, code_versions()]
+    if entry.own is not None:
+        inputs.append([entry.own.path, entry.own.digest])
+    return sha256(json.dumps(inputs).encode())
 
 
 def write_about(ground: Ground, entry: Entry, folder: Path, fault: str = "") -> None:
     """Write what an entry is, and why it did not finish if so."""
     folder.mkdir(parents=True, exist_ok=True)
-    about = {"ground": ground.title, "entry": entry.name, "title": entry.title, "fault": fault}
+    about: dict[str, Any] = {
+        "ground": ground.title,
+        "entry": entry.name,
+        "title": entry.title,
+        "fault": fault,
+    }
     if ground.tier:
         about["tier"] = ground.tier
     about["made_of"] = made_of(entry)
+    if entry.own is not None:
+        about["authors"] = list(entry.own.authors)
     write_whole(folder / ABOUT, json.dumps(about, indent=1) + "\n")
 
 
@@ -406,8 +540,9 @@ def run_benchmark(
     Parameters
     ----------
     entries : sequence of str or path
-        Names of packaged entries, recipes, or folders of alarm lists ``SPLIT.csv``; none takes all
-        packaged entries.
+        Names of packaged entries, recipes, "module:Class" of classes of one's own
+        (:func:`flgpr_ground.own.load_own`), beside which the reference runs, or folders of alarm
+        lists ``SPLIT.csv``; none takes all packaged entries.
     output : str or path
         Folder that takes the lanes, ``lanes``, and a folder per entry, with one per tier in it
         where there are tiers.
@@ -509,11 +644,71 @@ def make_ground(
     return folder
 
 
+def open_lane(
+    name: str,
+    folder: str | Path = "proving-ground",
+    quick: bool = False,
+    ground: str | Path | None = None,
+) -> LaneData:
+    """Return a lane of a proving ground with its run, image and truth; it is made if it is not there.
+
+    Parameters
+    ----------
+    name : str
+        Name of the lane, as ``flgpr benchmark list`` gives it.
+    folder : str or path
+        Folder of the ground, as for :func:`run_benchmark`.
+    quick, ground
+        As for :func:`run_benchmark`.
+
+    Returns
+    -------
+    LaneData
+        The lane. The truth of test lanes is sealed.
+
+    Raises
+    ------
+    ValueError
+        If the ground has no such lane, or the folder is of another one.
+
+    Examples
+    --------
+    A packaged full-wave lane needs no simulation:
+
+    >>> import tempfile
+    >>> from flgpr.proving_ground import open_lane
+    >>> lane = open_lane("arid-lane-1", tempfile.mkdtemp(), ground="full-wave-1")
+    >>> lane.part, dict(lane.run["signal"].sizes)
+    ('test', {'scan': 3, 'polarization': 4, 'pair': 32, 'frequency': 142})
+    """
+    chosen = load_ground(quick, None if ground is None else Path(ground))
+    if name not in chosen.lanes:
+        known = ", ".join(chosen.lanes)
+        raise ValueError(f"name must be that of a lane of {chosen.title}, {known}, got {name!r}")
+    begin_folder(chosen, Path(folder))
+    lanes = Path(folder) / "lanes"
+    lanes.mkdir(exist_ok=True)
+    if not _is_made(lanes, name):
+        make_lane(quick, chosen.text, name, str(lanes.resolve()))
+    recipe = packaged_entries(chosen)["wang2007"].text
+    return lane_data(chosen.lanes[name], lanes, recipe)
+
+
 def _checked_entries(names: Sequence[str | Path], ground: Ground) -> list[Entry]:
     """Return the entries of these names, by default all packaged ones; refuse what is not valid."""
     entries = [find_entry(name, ground) for name in names]
+    packaged = packaged_entries(ground)
     if not entries:
-        entries = list(packaged_entries(ground).values())
+        entries = list(packaged.values())
+    reference = ground.table.reference
+    is_there = reference in {entry.name for entry in entries}
+    if any(entry.own for entry in entries) and reference in packaged and not is_there:
+        entries.append(packaged[reference])
+    names_of_own = [entry.name for entry in entries if entry.own]
+    if len(set(names_of_own)) < len(names_of_own):
+        raise ValueError(
+            f"classes of one's own must have names of their own, got {', '.join(names_of_own)}"
+        )
     if {entry.name for entry in entries} & set(ORACLES):
         raise ValueError(
             f"entries must not be called {' or '.join(ORACLES)}, which are what the oracle gives"

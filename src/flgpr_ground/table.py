@@ -17,13 +17,13 @@ from flgpr.report import render
 from flgpr.scoring import (
     chance,
     clopper_pearson,
-    compare,
     match,
     operating_row,
     pd_mean,
     random_pd,
     roc_of,
 )
+from flgpr.scoring.comparison import paired_points
 from flgpr.scoring.matching import Match
 from flgpr.store import sha256, write_whole
 from flgpr.store.outputs import log_finished
@@ -40,15 +40,14 @@ from flgpr_ground.running import (
     SEALED,
     common_ground,
     entry_folder,
+    measured_cost,
     passphrase,
-    read_costs,
 )
 from flgpr_trials.blind import match_blind
 from flgpr_trials.ledger import alarm_hash
 
 _COUNTS = ("n_detected", "n_targets", "n_false")
 _KEY_DIGITS = 12  # of the digest in the name of a stored score
-_BOOTSTRAP_DRAWS = 200  # of a paired comparison
 
 
 def score_entries(folders: Sequence[str | Path]) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -112,7 +111,7 @@ def _score_tier(
                 rows += _stored_score(ground, folder, name, split, reference[split])
         cost = _declared_cost(folder, name)
         if cost is None:
-            cost = _measured_cost(ground, name, entry)
+            cost = measured_cost(ground, name, entry)
         costs.append(cost)
 
     oracle_name = oracle_file(ground)
@@ -204,14 +203,14 @@ def _rows(
             continue
         # Matched again: false alarms and area are those of the site's lanes alone.
         at_site = _match_of_lanes(matched, lanes)
-        rows = _mines(ground, split, at_site.truth).to_numpy()
+        rows = chosen_mines(ground, split, at_site.truth).to_numpy()
         yield from _points(ground, site, at_site, chance(at_site), rows, None)
 
 
 def _groups(ground: Ground, split: str, targets: pd.DataFrame) -> dict[str, pd.Series]:
     """Return which targets are in each group: all mines, every kind, every packaged body."""
     kind = targets["kind"].astype(str)
-    groups = {MINES: _mines(ground, split, targets)}
+    groups = {MINES: chosen_mines(ground, split, targets)}
     for name in sorted(kind.unique()):
         groups[name] = kind == name
     if "body" in targets.columns:
@@ -221,7 +220,7 @@ def _groups(ground: Ground, split: str, targets: pd.DataFrame) -> dict[str, pd.S
     return groups
 
 
-def _mines(ground: Ground, split: str, targets: pd.DataFrame) -> pd.Series:
+def chosen_mines(ground: Ground, split: str, targets: pd.DataFrame) -> pd.Series:
     """Return which targets are the mines that a split is scored on, by their kinds."""
     kind = targets["kind"].astype(str)
     kinds = ground.table.splits[split].kinds
@@ -296,40 +295,11 @@ def _points(
         if allowed == ground.table.far:
             row["pd_mean"] = float(pd_mean(curve, max(fars)))
             if reference is not None:
-                paired = compare(
-                    matched,
-                    reference,
-                    rows,
-                    far=allowed,
-                    far_max=max(fars),
-                    draws=_BOOTSTRAP_DRAWS,
-                )
-                row["only"] = paired.only_a
-                row["reference_only"] = paired.only_b
-                row["p"] = paired.p_detections
+                (paired,) = paired_points(matched, reference, [allowed], rows)
+                row["only"] = paired["only_first"]
+                row["reference_only"] = paired["only_second"]
+                row["p"] = paired["p"]
         yield row
-
-
-def _measured_cost(ground: Ground, name: str, entry: Path) -> dict[str, Any]:
-    """Return what an entry cost where it was run."""
-    metres = 0.0
-    lane_seconds = 0.0
-    training_seconds = 0.0
-    peaks = []
-    for work, cost in read_costs(entry).items():
-        if work in ground.lanes and cost:
-            metres += ground.lanes[work].length
-            lane_seconds += cost["processor_seconds"]
-            peaks.append(cost["peak_bytes"])
-        if work.startswith("training"):
-            training_seconds += cost["processor_seconds"]
-    kilometres = metres / 1000
-    return {
-        "entry": name,
-        "seconds_per_km": lane_seconds / kilometres if kilometres else math.nan,
-        "training_seconds": training_seconds,
-        "peak_bytes": max(peaks, default=math.nan),
-    }
 
 
 def _declared_cost(folder: Path, name: str) -> dict[str, Any] | None:
@@ -364,6 +334,7 @@ def table_text(ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame) -> str
     str
         Lines for every tier and split, the largest Pd first, and lines of costs.
     """
+    width = max(20, *(len(name) for name in scores["entry"]))
     lines = [
         f"{ground.title}: Pd of mines at {ground.table.far:g} false alarms per m², 95 % interval, "
         "chance"
@@ -371,21 +342,26 @@ def table_text(ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame) -> str
     for tier in ground.chosen_tiers():
         tier_scores = of_tier(scores, tier)
         if len(tier_scores):
-            lines += _tier_lines(tier, tier_scores)
+            lines += _tier_lines(tier, tier_scores, width)
 
     tier_width = max((len(name) for name in ground.table.tiers), default=0)
-    head = f"{'cost':22} {'':{tier_width}}"
+    head = f"{'cost':{width + 2}} {'':{tier_width}}"
     lines += ["", f"{head} processor s/km  training s  largest process MiB"]
     for cost in costs.to_dict("records"):
-        name = f"  {cost['entry']:20} {cost.get('tier', ''):{tier_width}}"
-        times = f"{cost['seconds_per_km']:14.0f} {cost['training_seconds']:11.0f}"
-        peak_mib = cost["peak_bytes"] / 2**20
-        lines.append(f"{name} {times} {peak_mib:20.0f}")
+        name = f"  {cost['entry']:{width}} {cost.get('tier', ''):{tier_width}}"
+        seconds, training, peak_mib = costs_in_words(cost)
+        lines.append(f"{name} {seconds:>14} {training:>11} {peak_mib:>20}")
     return "\n".join(lines)
 
 
-def _tier_lines(ground: Ground, scores: pd.DataFrame) -> list[str]:
-    """Return the lines of every split of a ground, or of one of its tiers."""
+def costs_in_words(cost: Mapping[Any, Any]) -> list[str]:
+    """Return seconds per km, seconds of training and MiB as text; "-" for what is not known."""
+    values = [cost["seconds_per_km"], cost["training_seconds"], cost["peak_bytes"] / 2**20]
+    return [f"{value:.0f}" if np.isfinite(value) else "-" for value in values]
+
+
+def _tier_lines(ground: Ground, scores: pd.DataFrame, width: int) -> list[str]:
+    """Return the lines of every split of a ground, or of one of its tiers; names have a width."""
     lines = ["", f"TIER {ground.tier}: {ground.tier_title}"] if ground.tier else []
     is_compared = scores["group"] == MINES
     is_compared &= scores["far_allowed"] == ground.table.far
@@ -396,7 +372,7 @@ def _tier_lines(ground: Ground, scores: pd.DataFrame) -> list[str]:
         of_split = compared[compared["split"] == split]
         ranked = of_split.sort_values("pd", ascending=False, kind="stable")
         for score in ranked.to_dict("records"):
-            entry = f"  {score['entry']:20} {pd_in_words(score)}"
+            entry = f"  {score['entry']:{width}} {pd_in_words(score)}"
             lines.append(entry + paired_in_words(score, against))
     return lines
 
@@ -414,6 +390,18 @@ def paired_in_words(score: Mapping[Any, Any], before: str = "") -> str:
     if p is None or not np.isfinite(p):
         return ""
     return f"{before}+{score['only']:.0f} -{score['reference_only']:.0f}, p = {p:.2g}"
+
+
+def paired_sentence(score: Mapping[Any, Any], entry: str, reference: str) -> str:
+    """Return what an entry misses and finds beside another, as a sentence; "" without a pair."""
+    p = score.get("p")
+    if p is None or not np.isfinite(p):
+        return ""
+    missed, found = score["reference_only"], score["only"]
+    return (
+        f"{entry} misses {missed:.0f} {'mine' if missed == 1 else 'mines'} that {reference} finds, "
+        f"and finds {found:.0f} that {reference} misses (McNemar p = {p:.2g})."
+    )
 
 
 def write_score_tables(folders: Sequence[str | Path], output: str | Path) -> str:
@@ -444,12 +432,24 @@ def write_score_tables(folders: Sequence[str | Path], output: str | Path) -> str
     target.mkdir(parents=True, exist_ok=True)
     write_whole(target / "scores.csv", scores.to_csv(index=False, float_format="%.6g"))
     write_whole(target / "costs.csv", costs.to_csv(index=False, float_format="%.4g"))
-    titles, faults = _titles_and_faults(ground, benchmarks)
+    titles, faults, own = _described(ground, benchmarks)
     for name, (_, title) in ORACLES.items():
         if name in set(scores["entry"]):
             titles[name] = title
-    write_page(target / "index.html", _page(ground, scores, costs, titles))
-    return "\n".join([table_text(ground, scores, costs), *faults])
+    answers = list(_answers(ground, scores, own))
+    write_page(target / "index.html", _page(ground, scores, costs, titles, answers))
+    return "\n".join([*answers, table_text(ground, scores, costs), *faults])
+
+
+def _answers(ground: Ground, scores: pd.DataFrame, own: Sequence[str]) -> Iterator[str]:
+    """Yield a sentence for every entry of one's own, on every tier, in the opening split."""
+    is_answer = scores["entry"].isin(own) & (scores["split"] == opening_split(ground))
+    is_answer &= (scores["group"] == MINES) & (scores["far_allowed"] == ground.table.far)
+    for score in scores[is_answer].to_dict("records"):
+        words = paired_sentence(score, score["entry"], ground.table.reference)
+        if words:
+            where = f"{score['tier']}: " if ground.table.tiers else ""
+            yield f"{where}{words}"
 
 
 def write_page(path: Path, page: str) -> None:
@@ -459,27 +459,36 @@ def write_page(path: Path, page: str) -> None:
     write_whole(path, page)  # leaves a file of the same bytes as it is
 
 
-def _titles_and_faults(ground: Ground, folders: Sequence[Path]) -> tuple[dict[str, str], list[str]]:
-    """Return the title of every entry by name, and the reasons of those that did not finish."""
+def _described(
+    ground: Ground, folders: Sequence[Path]
+) -> tuple[dict[str, str], list[str], list[str]]:
+    """Return titles by entry, the reasons of those that did not finish, and those of one's own."""
     titles: dict[str, str] = {}
     faults = []
+    own = []
     for tier in ground.chosen_tiers():
         on_tier = f" on the tier {tier.tier}" if tier.tier else ""
         for folder, name in _entries(folders, tier):
             entry = entry_folder(folder, name, tier)
             about = Folder(entry).json(ABOUT)
             titles.setdefault(name, about["title"])
+            if "authors" in about:
+                own.append(name)
             if about["fault"]:
                 reason = f"did not finish{on_tier}: {about['fault']}"
                 titles[name] += f"; {reason}"
                 faults.append(f"{name} {reason}")
-    return titles, faults
+    return titles, faults, own
 
 
 def _page(
-    ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame, titles: Mapping[str, str]
+    ground: Ground,
+    scores: pd.DataFrame,
+    costs: pd.DataFrame,
+    titles: Mapping[str, str],
+    answers: Sequence[str],
 ) -> str:
-    """Return the page of all tiers."""
+    """Return the page of all tiers, which begins with the answers."""
     opening = {}
     if ground.table.tiers:
         opening["wide"] = tiers_figure(ground, scores)
@@ -498,11 +507,13 @@ def _page(
         "benchmark.html",
         package="flgpr_ground",
         ground=ground,
+        answers=answers,
         opening=opening,
         opening_split=opening_split(ground),
         tiers=tiers,
         titles=titles,
         costs=costs.to_dict("records"),
+        costs_in_words=costs_in_words,
         pd_in_words=pd_in_words,
         paired_in_words=paired_in_words,
     )

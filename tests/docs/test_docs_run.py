@@ -211,6 +211,7 @@ NOT_HERE = (
     # tests/test_cli.py does; here it is scored at another rate
     "flgpr score result --truth truth.csv   ",
     "flgpr agree",  # tests/viewer/test_verdicts.py has analysts
+    "flgpr benchmark compare",  # tests/ground/test_own.py has entries to compare
     "flgpr reproduce",  # minutes; tests/papers has the studies
 )
 

@@ -43,6 +43,7 @@ def test_a_run_states_its_page(monkeypatch, tmp_path):
     asked = []
     monkeypatch.setattr("flgpr.proving_ground.run_benchmark", lambda *given: asked.append(given))
     monkeypatch.setattr("flgpr.proving_ground.write_score_tables", lambda *_: "table")
+    monkeypatch.setattr("flgpr.proving_ground.write_submissions", lambda _: [])
     words = ["benchmark", "run", "wang2007", "--quick", "--tier", "prepared"]
     done = CliRunner().invoke(app, [*words, "--workers", "2", "-o", str(tmp_path / "ground")])
     assert done.exit_code == 0, done.output

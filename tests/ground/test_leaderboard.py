@@ -6,18 +6,21 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from flgpr.proving_ground import load_ground, write_leaderboard
 from flgpr.scoring import clopper_pearson
 from flgpr_ground.board import (
     PACKAGED,
     Board,
+    Row,
     packaged_board,
     ranked_rows,
     read_board,
     scores_at,
 )
 from flgpr_ground.card import parse_card
+from flgpr_ground.figures import leaderboard_figure
 from flgpr_ground.leaderboard import leaderboard_html
 from reading import ROOT
 from submitted import CARD, write_ground
@@ -167,3 +170,16 @@ def test_names_of_entries_are_text_on_the_page(ground):
     assert "<b>bold</b>" not in page
     assert "&lt;b&gt;bold" in page
     assert leaderboard_html(replace(board)) == page
+
+
+@pytest.mark.parametrize(("tiers", "narrow"), [(1, False), (1, True), (2, False)])
+def test_no_legend_is_cut(tiers, narrow):
+    score = dict.fromkeys(("pd", "pd_low", "pd_high", "chance", "n_targets"), 0.5)
+    rows = [Row("mine", "", score, 1, 1)]
+    grounds = load_ground(quick=True).chosen_tiers()[:tiers]
+    figure = leaderboard_figure([(ground, rows) for ground in grounds], ("mine",), narrow)
+    FigureCanvasAgg(figure).draw()
+    (legend,) = figure.legends
+    box = legend.get_window_extent()
+    assert box.x0 >= 0
+    assert box.x1 <= figure.bbox.x1

@@ -5,8 +5,9 @@ import pandas as pd
 
 from flgpr.proving_ground import load_ground
 from flgpr.scoring import match, random_pd
+from flgpr_ground.citing import bibtex, latex_table
 from flgpr_ground.fingerprints import _compared
-from flgpr_ground.table import _rows, paired_in_words, pd_in_words
+from flgpr_ground.table import _rows, costs_in_words, paired_in_words, paired_sentence, pd_in_words
 
 SCORE = {
     "pd": 0.5, "pd_low": 0.25, "pd_high": 0.75, "n_detected": 6, "n_targets": 12, "n_false": 3,
@@ -24,6 +25,37 @@ def test_the_reference_is_not_compared_with_itself():
     assert paired_in_words(SCORE | {"p": np.nan}) == ""
     paired = SCORE | {"p": 0.0313, "only": 5, "reference_only": 0}
     assert paired_in_words(paired, "; against wang2007 ") == "; against wang2007 +5 -0, p = 0.031"
+
+
+def test_the_answer_names_what_each_alone_finds():
+    assert paired_sentence(SCORE, "mine", "wang2007") == ""
+    paired = SCORE | {"p": 0.36, "only": 12, "reference_only": 1}
+    assert paired_sentence(paired, "mine", "wang2007") == (
+        "mine misses 1 mine that wang2007 finds, and finds 12 that wang2007 misses (McNemar p = 0.36)."
+    )
+
+
+def test_a_cost_that_is_not_known_is_a_dash():
+    cost = {"seconds_per_km": 12.4, "training_seconds": np.nan, "peak_bytes": 2.0**21}
+    assert costs_in_words(cost) == ["12", "-", "2"]
+
+
+def test_a_table_for_a_paper_has_a_row_per_entry_and_the_interval_of_each_difference():
+    ground = load_ground(quick=True)
+    row = SCORE | {
+        "tier": "prepared", "split": "standard", "group": "mines", "far_allowed": 0.02,
+    }  # fmt: skip
+    mine = {"entry": "my_own%", "p": 0.065, "only": 5, "reference_only": 1}
+    text = latex_table(ground, pd.DataFrame([row | {"entry": "wang2007"}, row | mine]), "standard")
+    lines = [line for line in text.splitlines() if line.endswith(r"\\") and " & " in line]
+    assert len(lines) == 3
+    assert lines[1].startswith("wang2007 & 0.50 (0.25 to 0.75) & 6 of 12 & 3 & 0.12 & -- & --")
+    assert lines[2].startswith(r"my\_own\% & ")
+    assert "$+0.33$ ($-0.08$ to $+0.64$) & 0.065" in lines[2]
+    assert text.count("rule") == 3  # of booktabs
+    cited = bibtex(ground)
+    assert cited.count("@") == 3
+    assert cited.count("{") == cited.count("}")
 
 
 def test_lanes_are_the_same_bits_alike_or_others():

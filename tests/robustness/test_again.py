@@ -33,7 +33,7 @@ def leave_as_a_kill_after_naming(output, given):
             (left / "zarr.json").write_text("{")
 
 
-GROWS = ("live", "feed", "score --sealed", "benchmark oracle")
+GROWS = ("live", "feed", "score --sealed", "benchmark oracle", "benchmark compare")
 """What tells of every start, plays again, or is looked at again."""
 
 

@@ -117,6 +117,7 @@ def compared_roc_figure(
     labels: Mapping[str, str],
     points: pd.DataFrame,
     far_max: float = 0.1,
+    differences: pd.DataFrame | None = None,
 ) -> Figure:
     """Draw the ROC curves of several detectors over one another, with intervals of Pd.
 
@@ -135,6 +136,9 @@ def compared_roc_figure(
         Operating points: ``detector``, ``far_allowed`` (per m²), ``pd``, ``pd_low``, ``pd_high``.
     far_max : float
         End of the axis, per m²; it lies farther out where a list of a single operating point does.
+    differences : DataFrame, optional
+        Of two detectors, Pd of the first less that of the second, drawn below: from ``far_allowed``
+        (per m²) on, ``difference``, and its interval ``low`` to ``high``.
 
     Returns
     -------
@@ -142,8 +146,11 @@ def compared_roc_figure(
         The figure.
     """
     end = _end_of_axis(curves, far_max)
-    figure = _new_figure(figsize=(8.2, 4.6), dpi=150)
-    axes = figure.add_subplot()
+    heights = [1.0] if differences is None else [2.2, 1.0]
+    figure = _new_figure(figsize=(8.2, 4.6 if differences is None else 6.2), dpi=150)
+    grid = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)
+    panels = grid.ravel()
+    axes = panels[0]
     step = _DODGE * end
     for number, (name, curve) in enumerate(curves.items()):
         style: dict[str, Any] = {
@@ -167,13 +174,28 @@ def compared_roc_figure(
         label = f"{labels[name]} ({targets})"
         axes.plot([], [], marker=mark, mfc="white", ms=6, label=label, **style)
     axes.plot([], [], color="0.3", ls=_DOTS, lw=1.0, label="chance")
-    axes.set(xlim=(0, end), ylim=(-0.02, 1.02))
-    axes.set(xlabel="false alarms per m²", ylabel="probability of detection")
+    axes.set(xlim=(0, end), ylim=(-0.02, 1.02), ylabel="probability of detection")
     axes.grid(alpha=0.3)
+    if differences is not None:
+        _draw_differences(panels[1], differences, list(labels.values()))
+    panels[-1].set_xlabel("false alarms per m²")
     figure.legend(
         title="detector (targets)", fontsize=8, title_fontsize=8, loc="outside right upper"
     )
     return figure
+
+
+def _draw_differences(axes: Axes, differences: pd.DataFrame, names: Sequence[str]) -> None:
+    """Draw the difference of two detectors' Pd with its interval, from one FAR to the next."""
+    far = differences["far_allowed"]
+    low, high = differences["low"], differences["high"]
+    axes.fill_between(
+        far, low, high, step="post", color="0.85", lw=0, label="interval of the difference"
+    )
+    axes.step(far, differences["difference"], where="post", color="k", lw=1.4)
+    axes.axhline(0, color="0.4", lw=0.8)
+    axes.set_ylabel(f"Pd of {names[0]}\nless {names[1]}", fontsize=8)
+    axes.grid(alpha=0.3)
 
 
 def _is_single_point(curve: pd.DataFrame) -> bool:

@@ -22,11 +22,11 @@ from flgpr.scoring.bootstrap import (
     tails,
 )
 from flgpr.scoring.chance_level import chance
-from flgpr.scoring.curve import clopper_pearson, operating_row, pd_mean_by_chance
-from flgpr.scoring.lane_roc import AreaRule, assign, roc_of
+from flgpr.scoring.curve import clopper_pearson, count_at, operating_row, pd_mean_by_chance
+from flgpr.scoring.lane_roc import AreaRule, far_area, roc_of
 from flgpr.scoring.lane_score import Rules
 from flgpr.scoring.matching import Match, Subset, select_targets
-from flgpr.types import ArrayLike, BoolArray, floats
+from flgpr.types import ArrayLike, BoolArray, FloatArray, floats
 
 _ENUMERATED = 20  # signs; a million sums
 _FLIPS = 100_000
@@ -364,7 +364,7 @@ def side_by_side(
     for (name, first), (other, second) in itertools.combinations(matches.items(), 2):
         _check_pair(first, second)
         names = {"first": name, "second": other}
-        for row in _paired_points(first, second, fars, rules):
+        for row in paired_points(first, second, fars, area=rules.area, level=rules.level):
             pairs.append(names | row)
         if means:
             compared = compare(first, second, **_mean_options(rules))
@@ -399,18 +399,38 @@ def _points(name: str, matched: Match, fars: Sequence[float], rules: Rules) -> p
     return rows
 
 
-def _paired_points(
-    first: Match, second: Match, fars: Sequence[float], rules: Rules
+def found_from(matched: Match, subset: Subset = None, area: AreaRule = "union") -> FloatArray:
+    """Return the false alarms per m² from which on each target of a subset is found; inf: never.
+
+    An alarm in the halo of a target of the subset and of another target counts for neither, as in
+    :func:`flgpr.scoring.roc`.
+    """
+    chosen = select_targets(matched.truth, subset)
+    confidence = matched.best(chosen)[1][chosen]
+    far = count_at(confidence, matched.confidence[matched.false]) / far_area(matched, area)
+    return np.where(np.isneginf(confidence), np.inf, far)
+
+
+def paired_points(
+    first: Match,
+    second: Match,
+    fars: Sequence[float],
+    subset: Subset = None,
+    area: AreaRule = "union",
+    level: float = 0.95,
 ) -> list[dict[str, Any]]:
-    """Compare the targets that two detectors find at each allowed false alarm rate."""
-    far_first = assign(first, rules.area)["far"].to_numpy()
-    far_second = assign(second, rules.area)["far"].to_numpy()
+    """Compare the targets of a subset that two detectors find at each allowed false alarm rate.
+
+    The entries of a row are those of ``pairs`` of :class:`SideBySide`.
+    """
+    far_first = found_from(first, subset, area)
+    far_second = found_from(second, subset, area)
     n_targets = len(far_first)
     rows = []
     for far in fars:
         only_first = int(((far_first <= far) & (far_second > far)).sum())
         only_second = int(((far_second <= far) & (far_first > far)).sum())
-        low, high = paired_interval(only_first, only_second, n_targets, rules.level)
+        low, high = paired_interval(only_first, only_second, n_targets, level)
         row = {
             "far_allowed": far,
             "difference": (only_first - only_second) / n_targets,

@@ -37,9 +37,11 @@ def _table_lines(text: str, _: Arguments) -> Iterator[str]:
 
 
 def _page_lines(text: str, call: Arguments) -> Iterator[str]:
-    """Yield the table of the scores and the address of the page."""
+    """Yield the table of the scores, the address of the page, and what can be entered."""
     yield text
     yield f"page: {(Path(call.output) / 'index.html').resolve()}"
+    for card in sorted(Path(call.output).glob("submissions/*/submission.toml")):
+        yield f"to enter, once its card is right: {card.parent}"
 
 
 @command(lines=_page_lines, resumes=True)
@@ -47,8 +49,8 @@ def run_benchmark(
     entries: Annotated[
         Sequence[str] | None,
         Argument(
-            help="Packaged entries, recipes, or folders of alarm lists SPLIT.csv; "
-            "all packaged entries by default."
+            help="Packaged entries, recipes, MODULE:CLASS of your own, or folders of alarm lists "
+            "SPLIT.csv; all packaged entries by default."
         ),
     ] = None,
     output: Annotated[PathLike, output_option("folder to work in")] = Path("proving-ground"),
@@ -73,6 +75,7 @@ def run_benchmark(
 
     options = run_options(workers, scheduler, track=track)
     proving_ground.run_benchmark(list(entries or ()), output, quick, options, ground, tier)
+    proving_ground.write_submissions(output)
     return proving_ground.write_score_tables([output], output)
 
 
@@ -116,6 +119,57 @@ def benchmark_table(
     from flgpr import proving_ground
 
     return proving_ground.write_score_tables(folders, output or folders[0])
+
+
+def _answer_lines(written: tuple[Path, list[str]], _: Arguments) -> Iterator[str]:
+    """Yield who finds what, and the address of the page."""
+    page, answers = written
+    yield from answers
+    yield f"page: {page.resolve()}"
+
+
+@command(lines=_answer_lines)
+def compare_benchmark(
+    entry: Annotated[str, Argument(help="Name of an entry that ran, such as my-detector.")],
+    folder: Annotated[PathLike, Argument(help="Folder of `flgpr benchmark run`.")] = Path(
+        "proving-ground"
+    ),
+    other: Annotated[
+        str | None, Option("--with", help="Entry to compare it with, by default the reference.")
+    ] = None,
+    output: Annotated[
+        PathLike | None, output_option("folder of page, figure, LaTeX and BibTeX")
+    ] = None,
+    tier: Tier = None,
+) -> tuple[Path, list[str]]:
+    """Compare two entries mine by mine, with images. It opens the truth, which is logged.
+
+    Returns
+    -------
+    page : Path
+        The page.
+    answers : list of str
+        A sentence for each tier.
+    """
+    from flgpr import proving_ground
+
+    return proving_ground.compare_entries(folder, entry, other, output, tier)
+
+
+@command()
+def benchmark_template(
+    folder: Annotated[PathLike, Argument(help="Folder, by default this one.")] = Path(),
+) -> list[Path]:
+    """Write a detector of your own to begin with, which runs as it is.
+
+    Returns
+    -------
+    list of Path
+        The files.
+    """
+    from flgpr import proving_ground
+
+    return proving_ground.write_template(folder)
 
 
 def _listing_lines(lines: list[str], _: Arguments) -> Iterator[str]:

@@ -5,7 +5,9 @@ from flgpr_ground.commands import benchmark, submissions
 
 OFFER = Offer(
     commands={
+        "benchmark template": benchmark.benchmark_template,
         "benchmark run": benchmark.run_benchmark,
+        "benchmark compare": benchmark.compare_benchmark,
         "benchmark oracle": benchmark.run_oracle,
         "benchmark table": benchmark.benchmark_table,
         "benchmark list": benchmark.list_benchmark,
