@@ -94,7 +94,13 @@ def fake_lane(name, seed):
         magnitude=rng.gamma(3, size=len(places)) + mine
     )
     return LaneResult(
-        name, lane, truth, alarms.assign(confidence=features["C_HH_F1"]), features, view, view[0, 1]
+        name,
+        lane,
+        truth,
+        alarms.assign(confidence=features["C_HH_F1"]),
+        features,
+        view,
+        dict.fromkeys(("wide", "largest", "mean"), view[0, 1]),
     )
 
 

@@ -31,7 +31,7 @@ from flgpr.stages.clusters import (
     TemplateSettings,
     templates_of,
 )
-from flgpr_papers.flsar2004.lanes import RadiusIs, Pass, Settings
+from flgpr_papers.flsar2004.lanes import Pass, RadiusIs, Settings
 from flgpr_papers.flsar2004.machines import Examples
 
 FloatArray = NDArray[np.float64]
