@@ -167,7 +167,7 @@ def looks_of_stops(
     return looks
 
 
-def signature_looks(recipe: StudyRecipe, name: str) -> list[Look]:
+def signature_looks(recipe: StudyRecipe, name: str, share: float = SIGNATURE_SHARE) -> list[Look]:
     """Image mines of every depth of a site, without a lane around them.
 
     There are no surface, other objects and errors of the radar.
@@ -178,8 +178,10 @@ def signature_looks(recipe: StudyRecipe, name: str) -> list[Look]:
         The study.
     name : str
         Name of the site.
+    share : float
+        Share of the mines that are imaged.
     """
-    scene, trains, depths = lane_scene(recipe, recipe.sites[name], SIGNATURES, SIGNATURE_SHARE)
+    scene, trains, depths = lane_scene(recipe, recipe.sites[name], SIGNATURES, share)
     bare = changed(scene, clutter=BARE, **ALONE)
     simulator = Simulator(bare, study_sensor(recipe), SIGNATURES, errors=False)
     images = stop_images(recipe, simulator, simulator.scans(), "none")
