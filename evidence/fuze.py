@@ -26,14 +26,16 @@ from flgpr_papers.cosgrove2004.recipe import study_recipe
 from flgpr_papers.cosgrove2004.signature import polarization_correlation, signature_humps
 from flgpr_papers.kit.findings import in_words, judge
 from flgpr_papers.kit.intervals import students
+from flgpr_papers.kit.threads import one_blas_thread
 
 HEADS = {"no head": 0.0, "head 5 cm across": 0.05, "head 10 cm across, as in the study": 0.10}
 """Width of the fuze's head, m, by the name of the mine."""
 DRUM = "solid drum of 12 cm, metal-at"
-SOILS = slice(0, 5)  # permittivities of the table about that of the sand
+SOILS = slice(0, 4)  # permittivities of the table about that of the sand
 TONES = nodes.FREQUENCY <= 2.0e9  # the study images 0.3 to 1.9 GHz
 
 
+@one_blas_thread
 def main() -> None:
     """Solve the bodies that are not on disk, and write what their images show."""
     work = Path(sys.argv[1])
@@ -57,18 +59,23 @@ def body_of_head(work: Path, width: float) -> str:
         narrower = head.model_copy(update={"zones": ((width / 2, "metal"),)})
         layers = (narrower, drum) if width else (drum,)
         body = packaged.model_copy(update={"name": path.stem, "layers": layers})
-        save_table(table_of(Body.model_validate(body.model_dump())), path)
+        save_table(table_of(Body.model_validate(body.model_dump()), work), path)
     return str(path)
 
 
-def table_of(body: Body) -> SignatureTable:
+def table_of(body: Body, work: Path) -> SignatureTable:
     """Solve a body in the soils and tones of the study; other nodes have those of the nearest."""
+    folder = work / body.name
+    folder.mkdir(exist_ok=True)
     soils, tones = len(nodes.PERMITTIVITY[SOILS]), int(TONES.sum())
-    solved = {
-        soil: [solve_piece(body, soil, tone) for tone in range(tones)] for soil in range(soils)
-    }
+    solved = {}
+    for soil, tone in np.ndindex(soils, tones):
+        path = folder / f"{soil}-{tone}.npy"
+        if not path.is_file():
+            np.save(path, solve_piece(body, soil, tone))
+        solved[soil, tone] = np.load(path, allow_pickle=False)
     values = [
-        [solved[min(soil, soils - 1)][min(tone, tones - 1)] for tone in range(nodes.FREQUENCY.size)]
+        [solved[min(soil, soils - 1), min(tone, tones - 1)] for tone in range(nodes.FREQUENCY.size)]
         for soil in range(nodes.PERMITTIVITY.size)
     ]
     return SignatureTable(body, np.array(values))

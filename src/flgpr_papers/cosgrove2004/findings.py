@@ -302,7 +302,18 @@ def _sweep_statements(recipe: StudyRecipe, looks: Looks) -> list[Finding]:
             gaps = example_gaps(recipe, looks, soil, rank)
             if gaps:
                 words = {**texts, "rank": rank}
-                statements.append(_STATEMENTS.by_every("few-examples", gaps, **words))
+                finding = _STATEMENTS.by_every("few-examples", gaps, **words)
+                remarks = {
+                    _room(
+                        *(
+                            looks.pd(soil, example_name(form, rank, int(number)))[0]
+                            for form in FORMS
+                        )
+                    )
+                    for number in gaps
+                }
+                note = remarks.pop() if len(remarks) == 1 else ""
+                statements.append(replace(finding, note=note))
         for name, (best, others) in rivals.items():
             gaps = {
                 title: looks.gap(soil, best, rival, together(len(others)))
