@@ -59,7 +59,7 @@ def mask_figure(example: Arrays, band: str, title: str) -> Figure:
     """Draw an image of the example frame beside its binary mask, as Fig. 3 to 5."""
     figure, (left, right) = subplots(8.6, 3.1, 1, 2, sharey=True)
     shown = _image(left, example, example[band])
-    figure.colorbar(shown, ax=left, label="dB")
+    figure.colorbar(shown, ax=[left, right], label="dB", shrink=0.7)
     left.set_title(f"{title}: (a) SAR image", fontsize=10)
     _mask(right, example, example[f"mask {band}"], "(b) binary mask, fundamental part")
     for axes in (left, right):
