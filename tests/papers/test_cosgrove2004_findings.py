@@ -152,8 +152,8 @@ def test_few_examples_are_judged_by_their_number_and_rank_on_the_seeds_that_have
     recipe = recipe.model_copy(update={"sites": {"sand": recipe.sites["sand"]}})
     found = {one.claim: one for one in findings(recipe, {"sand": cases})}
     row = found[
-        "With few examples deflection is better than a Neyman-Pearson detector estimated from them, "
-        "M' = 3: site one, dry sand"
+        "With more or fewer examples deflection is better than Neyman-Pearson, M' = 3: "
+        "site one, dry sand"
     ]
     assert row.names == ("4", "36")
     assert row.parts == (1.0, 0.0)
@@ -163,3 +163,7 @@ def test_few_examples_are_judged_by_their_number_and_rank_on_the_seeds_that_have
     assert with_four.endswith(" agrees")
     assert with_many.endswith((" cannot say", " disagrees"))
     assert not any("M' = 1:" in claim for claim in found)
+    mean = found["With more or fewer examples, mean Pd, M' = 3: site one, dry sand"]
+    assert mean.verdict == "open"
+    assert mean.interval[0] == pytest.approx(1.0)
+    assert mean.ours.split("; ")[1].== "36: 0.00 in every seed"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from flgpr.scoring import pd_at
-from flgpr_papers.cosgrove2004.findings import SOILS, Case, Looks, case_curve, example_gaps
+from flgpr_papers.cosgrove2004.findings import SOILS, Case, case_curve, example_means
 from flgpr_papers.cosgrove2004.images import PointResponse, study_sensor
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
 from flgpr_papers.kit.figures import decibels, show, subplots
@@ -222,24 +222,24 @@ def point_figure(responses: Mapping[str, PointResponse]) -> Figure:
 
 
 def examples_figure(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> Figure:
-    """Draw Pd of deflection less that of Neyman-Pearson over the number of examples, by rank."""
-    looks = Looks(recipe, cases)
+    """Draw mean Pd of deflection less that of Neyman-Pearson over the examples, by rank."""
     soils = [soil for soil in SOILS if soil in cases]
     figure, row = subplots(9, 3.6, 1, len(soils), sharex=True, sharey=True, squeeze=False)
     for axes, soil in zip(row[0], soils, strict=True):
         for place, rank in enumerate(recipe.sweeps.ranks):
-            gaps = example_gaps(recipe, looks, soil, rank)
+            gaps = example_means(recipe, cases[soil], rank)
             # A little to the right of one another, so that the bars are told apart.
             numbers = [int(number) * 1.05 ** (place - 1) for number in gaps]
             value, low, high = np.array([*gaps.values()]).reshape(-1, 3).T
             label = f"M' = {rank}" + (" (all)" if rank == recipe.sweeps.ranks[-1] else "")
-            axes.errorbar(numbers, value, (value - low, high - value), capsize=2, label=label)
+            bars = np.nan_to_num([value - low, high - value], posinf=0.0)
+            axes.errorbar(numbers, value, bars, capsize=2, label=label)
         axes.axhline(0, color="#999", lw=0.8)
         axes.set(xscale="log", xlabel="examples", title=recipe.sites[soil].title)
         ticks = recipe.sweeps.numbers
         axes.set_xticks(ticks, [str(number) for number in ticks])
         axes.minorticks_off()
-    figure.axes[0].set_ylabel("Pd: deflection less Neyman-Pearson")
+    figure.axes[0].set_ylabel("mean Pd: deflection\nless Neyman-Pearson")
     figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from flgpr.scoring import operating_row, pd_at, pd_mean, peak_roc
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
 from flgpr_papers.cosgrove2004.sweeps import FORMS, alone, example_name
-from flgpr_papers.kit.findings import UNDECIDED, WORTH, Finding, shows
+from flgpr_papers.kit.findings import UNDECIDED, WORTH, Finding, in_words, shows
 from flgpr_papers.kit.intervals import (
     SHARE,
     SHARE_DIFFERENCE,
@@ -209,7 +209,7 @@ def findings(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> list[F
     looks = Looks(recipe, cases)
     return [
         *_detector_statements(recipe, looks),
-        *_sweep_statements(recipe, looks),
+        *_sweep_statements(recipe, looks, cases),
         *_eigenvalue_statements(recipe, cases["sand"]),
         *_premise_statements(recipe, cases["sand"]),
         *_open_questions(recipe, looks),
@@ -254,6 +254,8 @@ def _detector_statements(recipe: StudyRecipe, looks: Looks) -> list[Finding]:
     for soil in titles:
         for rival in ("PWF", "HH"):
             statements.append(against("outperforms", soil, ours, rival, rival=rival))
+        if (soil, FORMS[1]) in looks.found:
+            statements.append(against("few-examples", soil, ours, FORMS[1]))
     statements.append(_best_pd(recipe, looks, titles))
     for soil in titles:
         statement = against("first-eigenvector", soil, "rank 1", ours)
@@ -284,7 +286,28 @@ def example_gaps(recipe: StudyRecipe, looks: Looks, soil: str, rank: int) -> dic
     return gaps
 
 
-def _sweep_statements(recipe: StudyRecipe, looks: Looks) -> list[Finding]:
+def example_means(recipe: StudyRecipe, cases: Sequence[Case], rank: int) -> dict[str, Interval]:
+    """Return the mean Pd up to 0.1 per m² of deflection less Neyman-Pearson, by number of examples.
+
+    It is paired seed by seed, with Student's interval; the parameters are those of
+    :func:`found_looks` and the rank of both.
+    """
+    gaps = {}
+    for number in recipe.sweeps.numbers:
+        pair = [example_name(form, rank, number) for form in FORMS]
+        means = []
+        for case in cases:
+            if pair[0] in case["peaks"]:
+                curves = [case_curve(case, name, recipe.score.box) for name in pair]
+                means.append([pd_mean(curve, 0.1) for curve in curves])
+        if means:
+            gaps[str(number)] = students(-np.diff(means)[:, 0], bounds=SHARE_DIFFERENCE)
+    return gaps
+
+
+def _sweep_statements(
+    recipe: StudyRecipe, looks: Looks, cases: Mapping[str, Sequence[Case]]
+) -> list[Finding]:
     """Judge what the sweeps show, in the soils that have them (Sec. II-B, III-A, III-C)."""
     best_band, *bands = recipe.sweeps.bands
     rivals = {
@@ -294,7 +317,10 @@ def _sweep_statements(recipe: StudyRecipe, looks: Looks) -> list[Finding]:
         ),
         "best-band": (best_band, {name: name for name in bands}),
     }
-    texts = {"pd": f"Pd at {recipe.score.pfa:g} per m²", "rank": recipe.detector.rank}
+    texts: dict[str, Any] = {
+        "pd": f"Pd at {recipe.score.pfa:g} per m²",
+        "rank": recipe.detector.rank,
+    }
     statements = []
     for soil in (soil for soil in SOILS if soil in recipe.sites):
         texts["soil"] = recipe.sites[soil].title
@@ -302,7 +328,7 @@ def _sweep_statements(recipe: StudyRecipe, looks: Looks) -> list[Finding]:
             gaps = example_gaps(recipe, looks, soil, rank)
             if gaps:
                 words = {**texts, "rank": rank}
-                finding = _STATEMENTS.by_every("few-examples", gaps, **words)
+                finding = _STATEMENTS.by_every("number-of-examples", gaps, **words)
                 remarks = {
                     _room(
                         *(
@@ -314,6 +340,19 @@ def _sweep_statements(recipe: StudyRecipe, looks: Looks) -> list[Finding]:
                 }
                 note = remarks.pop() if len(remarks) == 1 else ""
                 statements.append(replace(finding, note=note))
+                means = example_means(recipe, cases[soil], rank)
+                first = next(iter(means.values()))
+                finding = _STATEMENTS.number("mean-by-examples", first, **words)
+                ours = "; ".join(
+                    f"{number}: "
+                    + (
+                        in_words(*mean)
+                        if math.isfinite(mean[1])
+                        else f"{mean[0]:z.2f} in every seed"
+                    )
+                    for number, mean in means.items()
+                )
+                statements.append(replace(finding, ours=ours))
         for name, (best, others) in rivals.items():
             gaps = {
                 title: looks.gap(soil, best, rival, together(len(others)))
