@@ -17,7 +17,7 @@ PAPERS = {
     "fuse2018": "Fuse et al. 2018",
 }
 NUMBER = r"([-+]?\d+(?:\.\d+)?)\s?(?:%|dB)?"
-INTERVAL = re.compile(rf"{NUMBER}\s\({NUMBER} to {NUMBER}\)")
+INTERVAL = re.compile(rf"{NUMBER}\s+\({NUMBER}\s+to\s+{NUMBER}\)")
 
 
 def intervals(text):

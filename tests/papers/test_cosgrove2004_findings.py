@@ -166,4 +166,4 @@ def test_few_examples_are_judged_by_their_number_and_rank_on_the_seeds_that_have
     mean = found["With more or fewer examples, mean Pd, M' = 3: site one, dry sand"]
     assert mean.verdict == "open"
     assert mean.interval[0] == pytest.approx(1.0)
-    assert mean.ours.split("; ")[1].== "36: 0.00 in every seed"
+    assert mean.ours.split("; ")[1] == "36: 0.00 in every seed"
