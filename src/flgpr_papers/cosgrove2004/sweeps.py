@@ -42,10 +42,11 @@ def example_looks(
 ) -> dict[str, list[Look]]:
     """Image further training mines of a site, on a lane of their own; as :func:`lane_looks`."""
     of_site = recipe.sites[site]
-    training = dict.fromkeys(of_site.training, recipe.sweeps.mines)
+    # Two stops at least: the self-signature is a mean over them.
+    training = dict.fromkeys(of_site.training, max(2, round(recipe.sweeps.mines * share)))
     more_mines = of_site.model_copy(update={"training": training, "test": {}})
     other = recipe.model_copy(update={"sites": {**recipe.sites, site: more_mines}})
-    return lane_looks(other, site, seed + _OTHER_LANE, share)
+    return lane_looks(other, site, seed + _OTHER_LANE)
 
 
 def example_detectors(
