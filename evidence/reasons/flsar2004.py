@@ -360,7 +360,7 @@ def relative_deviation(settings: Settings, site: Site, screen: Any) -> tuple[int
     subset = site.mines.loc[site.mines["subset"], ["x", "y"]].to_numpy(dtype=np.float64)
     counts = np.zeros(2, dtype=np.int64)
     for channel, (_, limits) in screen.channels(site.view):
-        clusters = find_clusters(channel, limits.amplitude, screen.settings.radius)
+        clusters = find_clusters(channel, limits.amplitude, screen.settings.forming)
         spread = (clusters["std"] / clusters["mean"]).to_numpy()
         positions = clusters[["x", "y"]].to_numpy(dtype=np.float64)
         from_subset = np.linalg.norm(positions[:, None] - subset, axis=2)

@@ -260,7 +260,7 @@ def clutter_record(scene: Scene, seed: int) -> dict[str, Any]:
     setup = ImagedRun(run, recipe, scene.lane, explains=False)
     engine_of(setup).run(silent, ("signature", "gain"))
     view, scans = _run_view(setup, run, recipe, scene, truth)
-    result = LaneResult("twin", scene.lane, truth, pd.DataFrame(), pd.DataFrame(), view, None)
+    result = LaneResult("twin", scene.lane, truth, pd.DataFrame(), pd.DataFrame(), view, {})
     levels = clutter_levels([result], CLEAR).drop(columns="lane")
     return {"view": levels.to_dict("records"), "scans": scans}
 

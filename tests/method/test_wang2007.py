@@ -255,18 +255,24 @@ def test_a_background_as_far_ahead_as_counts_finds_what_that_of_whole_images_doe
 
 @needs("flgpr_papers")
 def test_the_full_range_view_is_that_of_whole_images(run, recipe):
-    from flgpr_papers.wang2007.study import wide_view
+    from flgpr_papers.wang2007.study import other_views
 
     cleaned = cleaned_run(run, recipe)
-    view = wide_view(cleaned, silent)
+    views = other_views(cleaned, silent)
     images = []
     for image, gain in zip(
         ScanImager(run, recipe.image.grid(), recipe.image.subbands), cleaned.gains, strict=True
     ):
         images.append(image.copy(data=cleaned.whole_background.magnitude(image.values, gain)))
     want = run_view(images, recipe.run_view.grid(LANE), recipe.image.y[1])
-    np.testing.assert_allclose(view.values, select(want, "HH", "F1").values, rtol=1e-2, atol=1e-3)
-    assert (view["looks"].values == want["looks"].values).all()
+    second = select(want, "HH", "F1").values
+    np.testing.assert_allclose(views["wide"], second, rtol=1e-2, atol=1e-3)
+    assert (views["wide looks"] == want["looks"].values).all()
+    near = run_view(images, recipe.run_view.grid(LANE), recipe.run_view.y_max)
+    second, seen = select(near, "HH", "F1").values, near["looks"].values > 1
+    assert (views["largest"][seen] >= second[seen] * 0.99 - 1e-3).all()
+    assert (views["largest"][seen] > second[seen]).any()
+    assert (views["mean"][seen] <= views["largest"][seen] + 1e-3).all()
 
 
 @needs("flgpr_papers")

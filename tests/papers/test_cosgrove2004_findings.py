@@ -11,6 +11,7 @@ from flgpr_papers.cosgrove2004.findings import (
     pd_table,
 )
 from flgpr_papers.cosgrove2004.recipe import study_recipe
+from flgpr_papers.cosgrove2004.sweeps import FORMS, example_name
 from flgpr_papers.kit.findings import read_findings, write_findings
 from flgpr_papers.kit.intervals import students
 
@@ -133,3 +134,36 @@ def test_interval_is_students():
     assert students([0.5])[1:] == (-np.inf, np.inf)
     assert students([0.3, 0.3])[1:] == (-np.inf, np.inf)
     assert students([0.1, 0.9, 0.9], bounds=(0, 1))[1:] == (0, 1)  # a share lies nowhere else
+
+
+def test_few_examples_are_judged_by_their_number_and_rank_on_the_seeds_that_have_them():
+    recipe = study_recipe()
+    rng = np.random.default_rng(7)
+    few = {number: [example_name(form, 3, number) for form in FORMS] for number in (4, 36)}
+    cases = []
+    for seed in range(6):
+        one = case(seed, rng.normal(8, 1, 40), rng.normal(0, 1, 500))
+        if seed < 4:
+            for deflection, rival in few.values():
+                one["peaks"][deflection] = one["peaks"][rival] = one["peaks"]["HH"]
+            lost = one["peaks"]["HH"] | {"target": [-9.0] * 40}
+            one["peaks"][few[4][1]] = lost
+        cases.append(one)
+    recipe = recipe.model_copy(update={"sites": {"sand": recipe.sites["sand"]}})
+    found = {one.claim: one for one in findings(recipe, {"sand": cases})}
+    row = found[
+        "With more or fewer examples deflection is better than Neyman-Pearson, M' = 3: "
+        "site one, dry sand"
+    ]
+    assert row.names == ("4", "36")
+    assert row.parts == (1.0, 0.0)
+    assert row.verdict == "cannot say"
+    with_four, with_many = row.ours.split("; ")
+    assert with_four.startswith("4: 1.0")
+    assert with_four.endswith(" agrees")
+    assert with_many.endswith((" cannot say", " disagrees"))
+    assert not any("M' = 1:" in claim for claim in found)
+    mean = found["With more or fewer examples, mean Pd, M' = 3: site one, dry sand"]
+    assert mean.verdict == "open"
+    assert mean.interval[0] == pytest.approx(1.0)
+    assert mean.ours.split("; ")[1] == "36: 0.00 in every seed"

@@ -31,6 +31,7 @@ from flgpr_papers.cosgrove2004.images import (
 from flgpr_papers.cosgrove2004.signature import (
     look_measures,
 )
+from flgpr_papers.cosgrove2004.sweeps import example_detectors, one_polarization
 from flgpr_papers.kit import study
 from flgpr_papers.kit.findings import NO_VERDICT
 from flgpr_papers.kit.scenes import changed
@@ -109,6 +110,29 @@ def test_lanes_are_the_same_again_and_the_roadside_is_what_the_worlds_differ_in(
         )
     assert not np.array_equal(looks["open"][0].image, looks["roadside"][0].image)
     assert np.array_equal(looks["open"][0].position, looks["roadside"][0].position)
+
+
+def test_detectors_of_few_examples_are_trained_on_as_many(recipe, looks):
+    training = learn(recipe, looks["open"][:4])
+    made = example_detectors(recipe, "sand", 3, training, looks["open"])
+    form = made["deflection of rank 56, 4 examples"].forms[0]
+    assert len(form.vectors) == 4  # no other direction is reached
+    assert len(made["Neyman-Pearson of rank 1, 4 examples"].forms[0].vectors) <= 1
+    assert not any(name.endswith("36 examples") for name in made)
+
+
+def test_one_polarization_and_one_band_are_scored_on_the_same_mines(recipe, looks):
+    alone = one_polarization(recipe, looks["open"])
+    test = [look.depth for look in looks["open"] if not look.trains]
+    assert list(alone) == ["HH cuts alone", "VV cuts alone"]
+    assert all(peaks.depth == test for peaks in alone.values())
+    bands = {"low": (0.3e9, 1.1e9), "high": (1.4e9, 3.0e9)}
+    in_bands = lane_looks(recipe, "sand", 3, 0.1, bands)
+    for name in bands:
+        for look, other in zip(looks["open"], in_bands[name], strict=True):
+            assert (look.depth, look.trains) == (other.depth, other.trains)
+            np.testing.assert_array_equal(look.position, other.position)
+    assert not np.array_equal(in_bands["low"][0].image, in_bands["high"][0].image)
 
 
 def test_likelihood_of_a_cut_is_that_of_the_slow_twin(recipe, looks):

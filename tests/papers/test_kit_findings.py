@@ -27,7 +27,6 @@ from flgpr_papers.kit.findings import (
     power,
     read_findings,
     row_of,
-    without_paper,
     write_findings,
 )
 from flgpr_papers.kit.intervals import (
@@ -292,10 +291,6 @@ def test_a_quick_run_has_numbers_and_no_verdicts(tmp_path):
         assert (f"<b>{NO_VERDICT}</b>" in text, "<b>agrees</b>" in text) == (is_quick, not is_quick)
         assert "<b>open</b>" in text
         assert ("1 agrees" in text, "by chance" in text) == (not is_quick, not is_quick)
-
-
-def test_claims_that_do_not_say_what_the_paper_has_are_listed():
-    assert without_paper([Finding("a", "0.9", "", OPEN), Finding("b", " ", "", OPEN)]) == ["b"]
 
 
 @pytest.mark.parametrize(

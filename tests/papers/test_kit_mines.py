@@ -14,7 +14,7 @@ from flgpr.simulate.bodies.signature import table as nodes
 from flgpr.simulate.bodies.signature.body import Body
 from flgpr_ground.signatures.build import cells_for
 from flgpr_ground.signatures.revolution import solve_round
-from flgpr_papers.kit.mines import MIXES, Mix, find_mix, mix_counts, mix_draws, mix_draws_at_depths
+from flgpr_papers.kit.mines import MIXES, Mix, find_mix, mix_counts, mix_draws
 from reading import ROOT, read
 
 pytestmark = pytest.mark.slow("studies of papers")
@@ -128,23 +128,6 @@ def test_draws_make_a_scene_with_the_kind_and_entries_asked_for():
     assert {draw.body: draw.count for draw in scene.draws} == mix_counts("plastic", 10)
 
 
-def test_over_depths_the_whole_lane_has_the_mix_and_no_depth_only_its_first_bodies():
-    asked = {0.05: 5, 0.075: 5, 0.10: 10}
-    draws = mix_draws_at_depths("plastic", asked, depth_jitter=0.0)
-    at_depth = Counter()
-    of_body = Counter()
-    for draw in draws:
-        at_depth[draw["depth"]] += draw["count"]
-        of_body[draw["body"]] += draw["count"]
-        assert draw["depth_jitter"] == 0.0
-    assert at_depth == asked
-    assert of_body == mix_counts("plastic", 20)
-    for depth in asked:
-        assert len({draw["body"] for draw in draws if draw["depth"] == depth}) >= 4
-    one_each = mix_draws_at_depths("metal", {0.0: 1, 0.05: 1, 0.10: 1})
-    assert [draw["body"] for draw in one_each] == ["tm-62m", "metal-at", "tm-62m"]
-
-
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -154,10 +137,6 @@ def test_over_depths_the_whole_lane_has_the_mix_and_no_depth_only_its_first_bodi
         ),
         (lambda: mix_draws("wood", 0.1, 0), r"mix must be one of .*, got 'wood'"),
         (lambda: mix_draws("metal", 0.1, -1), r"count must not be negative, got -1"),
-        (
-            lambda: mix_draws_at_depths("metal", {0.1: 2, 0.2: -1}),
-            r"counts must not be negative, got \{0.1: 2, ",
-        ),
         (
             lambda: Mix("none", "metal", "nothing", {}),
             r"mix none: parts must be whole numbers above 0, at least one",

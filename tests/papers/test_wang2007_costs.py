@@ -53,7 +53,7 @@ def one_lane(places, confidence):
         {"target_id": ["T0", "T1"], "x": 0.0, "y": [10.0, 30.0], "kind": "metal", "depth": 0.1}
     )
     alarms = pd.DataFrame({"x": 0.0, "y": places, "magnitude": 1.0, "confidence": confidence})
-    one = LaneResult("c1", lane, truth, alarms, pd.DataFrame(), None, None)
+    one = LaneResult("c1", lane, truth, alarms, pd.DataFrame(), None, {})
     return matched([one], [alarms])
 
 

@@ -204,3 +204,17 @@ def test_fusion_rules():
 def test_errors_name_the_parameter(call, message):
     with pytest.raises(ValueError, match=message):
         call()
+
+
+def test_a_given_size_takes_the_place_of_that_of_the_mines_and_lowers_the_threshold_to_it():
+    places = [(0.0, 1.0), (0.6, 4.0)]
+    image = image_of(mine(0.0, 1.0, 4.0) + mine(0.6, 4.0, 1.0))
+    size = np.pi * 0.2**2
+    limits = learn_thresholds([(image, places)], Ellipse(1, 1), 0.4, pass_share=1.0, size=size)
+    assert limits.size == size
+    weakest = find_clusters(image, limits.amplitude, 0.4)["size"].min()
+    assert weakest == pytest.approx(size, abs=4 * 0.08 * 0.04)  # the weakest mine barely passes
+    assert weakest >= size
+    forming = learn_thresholds([(image, places)], Ellipse(1, 1), 0.2, pass_share=1.0)
+    assert forming.size < size
+    assert len(prescreen_clusters(image, limits, Ellipse(1, 1), 0.4)) == 2

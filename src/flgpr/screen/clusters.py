@@ -194,11 +194,13 @@ def learn_thresholds(
     radius: float = 0.2,
     reach: float = 0.5,
     pass_share: float = 0.9,
+    size: float | None = None,
 ) -> ClusterThresholds:
     """Estimate thresholds with which a share of known mines passes each prescreener.
 
     The amplitude threshold is half the peak that the share of the mines exceeds, so that a cluster
-    is what lies within 6 dB of a weak mine's peak. The other limits are quantiles over the mines'
+    is what lies within 6 dB of a weak mine's peak; of a given size it is the largest with which the
+    clusters of the share are so large. The other limits are quantiles over the mines'
     clusters, which are those of :func:`find_clusters`, as when the thresholds are applied.
 
     Parameters
@@ -213,6 +215,8 @@ def learn_thresholds(
         A mine's peak is the largest pixel within this distance, m.
     pass_share : float
         Share of the mines that passes each prescreener on its own, above 0 and up to 1.
+    size : float, optional
+        Least marked area of a cluster, m², where it is given and not learnt.
 
     Returns
     -------
@@ -226,10 +230,10 @@ def learn_thresholds(
     """
     if not 0 < pass_share <= 1:
         raise ValueError(f"pass_share must lie between 0 and 1, got {pass_share}")
-    peaks = np.concatenate([_peaks(image, places, reach) for image, places in lanes])
+    peaks = np.concatenate([_peaks(image, places, reach, size, radius) for image, places in lanes])
     if not peaks.size:
         raise ValueError("places must hold at least one mine that the image sees, got none")
-    amplitude = 0.5 * float(np.quantile(peaks, 1 - pass_share))
+    amplitude = (0.5 if size is None else 1.0) * float(np.quantile(peaks, 1 - pass_share))
     clusters = pd.concat(
         [
             _clusters_of_mines(image, places, amplitude, radius, reach, ellipse)
@@ -242,7 +246,7 @@ def learn_thresholds(
         )
     return ClusterThresholds(
         amplitude,
-        float(np.quantile(clusters["size"], 1 - pass_share)),
+        float(np.quantile(clusters["size"], 1 - pass_share)) if size is None else size,
         float(np.quantile(clusters["std"], pass_share)),
         float(np.quantile(clusters["energy_ratio"], pass_share)),
     )
@@ -276,15 +280,30 @@ def _clusters_of_mines(
     return table.assign(energy_ratio=ratio)
 
 
-def _peaks(image: xr.DataArray, places: ArrayLike, reach: float) -> FloatArray:
-    """Return the largest magnitude within reach of every position that some scan saw."""
+def _peaks(
+    image: xr.DataArray, places: ArrayLike, reach: float, size: float | None, radius: float
+) -> FloatArray:
+    """Return the largest magnitude within reach of every position that some scan saw.
+
+    Of a given size it is the threshold under which so large an area is marked within the radius of
+    that pixel.
+    """
+    grid = grid_of(image)
+    marked = 0 if size is None else math.ceil(size / round(grid.dx * grid.dy, 9))
     values = np.nan_to_num(floats(image.values))
     x, y = np.meshgrid(image["x"].values, image["y"].values)
     peaks = []
     for u, v in np.reshape(floats(places), (-1, 2)):
-        within = values[(x - u) ** 2 + (y - v) ** 2 <= reach**2]
-        if within.size and within.max() > 0:
-            peaks.append(within.max())
+        within = np.where((x - u) ** 2 + (y - v) ** 2 <= reach**2, values, 0.0)
+        if within.max() <= 0:
+            continue
+        leader = np.unravel_index(int(within.argmax()), within.shape)
+        if marked:
+            near = values[(x - x[leader]) ** 2 + (y - y[leader]) ** 2 <= radius**2]
+            # What is marked lies above the threshold.
+            peaks.append(np.nextafter(np.sort(near)[-min(marked, near.size)], 0.0))
+        else:
+            peaks.append(within[leader])
     return np.array(peaks)
 
 

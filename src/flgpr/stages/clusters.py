@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
@@ -80,12 +81,28 @@ class TemplateSettings(Table):
 class ClusterSettings(TemplateSettings):
     """Prescreeners; lengths in m."""
 
-    radius: Positive = 0.2  #: of a cluster
+    radius: Positive = 0.2  #: the paper's 20 cm
+    #: what the radius is (par. 15): that within which marked pixels form a cluster, or that of the
+    #: least cluster that is large enough, of pixels within twice as much
+    radius_is: Literal["forming", "size"] = "forming"
     pass_share: Annotated[float, Field(gt=0, le=1)] = 1.0  #: of the mines, by each prescreener
     reach: Positive = 0.5  #: how far a peak may lie from its mine
     kinds: tuple[str, ...] = ("metal",)  #: kinds of targets that are mines
     polarizations: tuple[str, ...] = ()  #: whose images count; by default all
     rule: Rule = "and-or"  #: in which images a region must be seen (par. 18 and 44)
+
+    @property
+    def forming(self) -> float:
+        """Radius within which marked pixels form a cluster, m.
+
+        About every pixel of a disc of the radius, twice as much holds all of the disc.
+        """
+        return self.radius if self.radius_is == "forming" else 2 * self.radius
+
+    @property
+    def least_size(self) -> float | None:
+        """Least marked area of a cluster, m²; None where it is learnt."""
+        return None if self.radius_is == "forming" else math.pi * self.radius**2
 
 
 def templates_of(lanes: list[TrainingView], settings: TemplateSettings) -> AnyArray:
@@ -154,12 +171,11 @@ class ClusterScreen(ScreenStage):
         check_learnt_channels(self.learnt["amplitude"], view)
         tables = {}
         thresholds = {}
-        radius = self.settings.radius
         for channel, (ellipse, limits) in self.channels(view):
             key = str(channel["polarization"].item()), str(channel["subband"].item())
-            tables[key] = prescreen_clusters(channel, limits, ellipse, radius)
+            tables[key] = prescreen_clusters(channel, limits, ellipse, self.settings.forming)
             thresholds[key] = limits.amplitude
-        regions = fuse_clusters(tables, 2 * radius, self.settings.rule, thresholds)
+        regions = fuse_clusters(tables, 2 * self.settings.radius, self.settings.rule, thresholds)
         return regions.rename(columns={"strength": "magnitude"})[["x", "y", "magnitude", "images"]]
 
     def channels(
@@ -203,7 +219,12 @@ class ClusterScreen(ScreenStage):
             for lane, of_lane in zip(examples, mines, strict=True):
                 views.append((lane.view[p, r], of_lane[["x", "y"]].to_numpy()))
             limits = learn_thresholds(
-                views, ellipse, settings.radius, settings.reach, settings.pass_share
+                views,
+                ellipse,
+                settings.forming,
+                settings.reach,
+                settings.pass_share,
+                settings.least_size,
             )
             for name in _ELLIPSE:
                 learnt[name][p, r] = getattr(ellipse, name)

@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from flgpr.scoring import pd_at
-from flgpr_papers.cosgrove2004.findings import SOILS, Case, case_curve
+from flgpr_papers.cosgrove2004.findings import SOILS, Case, case_curve, example_means
 from flgpr_papers.cosgrove2004.images import PointResponse, study_sensor
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
 from flgpr_papers.kit.figures import decibels, show, subplots
 
 _STYLE = {"HH": ("#c1440e", "--"), "VV": ("#1b5e9b", "-")}
+_ZOOMED = 0.9  # Pd; a panel whose curves all lie above it is enlarged
 _CURVES = {"deflection": "#1b1b1b", "PWF": "#1b5e9b", "HH": "#c1440e"}
 
 
@@ -164,15 +165,32 @@ def roc_figure(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> Figu
     names = {f"rank {recipe.detector.rank}": "deflection", "PWF": "PWF", "HH": "HH"}
     grid = np.logspace(-3, 0, 61)
     for axes, soil in zip(row[0], soils, strict=True):
-        for detector, label in names.items():
+        panels = [axes]
+        all_curves = {
+            label: [case_curve(case, name, recipe.score.box) for case in cases[soil]]
+            for name, label in names.items()
+        }
+        means = [
+            np.mean([pd_at(one, recipe.score.pfa) for one in of]) for of in all_curves.values()
+        ]
+        if min(means) > _ZOOMED:
+            # All find nearly all: what is left of a difference is drawn larger.
+            inset = axes.inset_axes((0.3, 0.3, 0.65, 0.4))
+            inset.set(xscale="log", xlim=(1e-3, 1), ylim=(_ZOOMED, 1.005), title="enlarged")
+            inset.title.set_fontsize(7)
+            inset.tick_params(labelsize=7)
+            panels.append(inset)
+        # The later curves are narrower: those that coincide show beside each other.
+        for (label, curves), width in zip(all_curves.items(), (3.2, 2.0, 1.0), strict=True):
             colour = _CURVES[label]
-            curves = [case_curve(case, detector, recipe.score.box) for case in cases[soil]]
             pds = np.array([pd_at(curve, grid) for curve in curves])
             low, high = np.quantile(pds, [0.1, 0.9], axis=0)
-            axes.fill_between(grid, low, high, color=colour, alpha=0.15, lw=0)
-            axes.plot(grid, pds.mean(axis=0), ":", color=colour, lw=1)
             first = curves[0][curves[0]["far"] > 0]
-            axes.plot(first["far"], first["pd"], color=colour, label=label, drawstyle="steps-post")
+            style = {"color": colour, "lw": width, "label": label, "drawstyle": "steps-post"}
+            for panel in panels:
+                panel.fill_between(grid, low, high, color=colour, alpha=0.15, lw=0)
+                panel.plot(grid, pds.mean(axis=0), ":", color=colour, lw=1)
+                panel.plot(first["far"], first["pd"], **style)
         axes.axvline(recipe.score.pfa, color="#999", lw=0.8)
         axes.set(
             xscale="log",
@@ -200,6 +218,29 @@ def point_figure(responses: Mapping[str, PointResponse]) -> Figure:
     for axes in (down, cross):
         axes.axhline(-3.01, color="#999", lw=0.8)
         axes.legend(fontsize=8)
+    return figure
+
+
+def examples_figure(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> Figure:
+    """Draw mean Pd of deflection less that of Neyman-Pearson over the examples, by rank."""
+    soils = [soil for soil in SOILS if soil in cases]
+    figure, row = subplots(9, 3.6, 1, len(soils), sharex=True, sharey=True, squeeze=False)
+    for axes, soil in zip(row[0], soils, strict=True):
+        for place, rank in enumerate(recipe.sweeps.ranks):
+            gaps = example_means(recipe, cases[soil], rank)
+            # A little to the right of one another, so that the bars are told apart.
+            numbers = [int(number) * 1.05 ** (place - 1) for number in gaps]
+            value, low, high = np.array([*gaps.values()]).reshape(-1, 3).T
+            label = f"M' = {rank}" + (" (all)" if rank == recipe.sweeps.ranks[-1] else "")
+            bars = np.nan_to_num([value - low, high - value], posinf=0.0)
+            axes.errorbar(numbers, value, bars, capsize=2, label=label)
+        axes.axhline(0, color="#999", lw=0.8)
+        axes.set(xscale="log", xlabel="examples", title=recipe.sites[soil].title)
+        ticks = recipe.sweeps.numbers
+        axes.set_xticks(ticks, [str(number) for number in ticks])
+        axes.minorticks_off()
+    figure.axes[0].set_ylabel("mean Pd: deflection\nless Neyman-Pearson")
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
 
 

@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from flgpr.scoring import operating_row, pd_at, pd_mean, peak_roc
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
-from flgpr_papers.kit.findings import UNDECIDED, WORTH, Finding, shows
+from flgpr_papers.cosgrove2004.sweeps import FORMS, alone, example_name
+from flgpr_papers.kit.findings import UNDECIDED, WORTH, Finding, in_words, shows
 from flgpr_papers.kit.intervals import (
     SHARE,
     SHARE_DIFFERENCE,
@@ -24,6 +25,7 @@ from flgpr_papers.kit.intervals import (
     proportion,
     share_of_looks,
     students,
+    together,
 )
 from flgpr_papers.kit.statements import Statements
 
@@ -36,7 +38,6 @@ PAPER_LOOKS = 72  # mine images at site one
 SOILS = ("sand", "gravel", "clay")
 _POSITIVE = (0.0, math.inf)  # of counts and widths
 _STATEMENTS = Statements("cosgrove2004")
-_RIVAL = "Neyman-Pearson"
 _NOTHING = 0.1  # Pd below which detectors are not compared with each other
 
 
@@ -100,15 +101,19 @@ class Looks:
         self.found: dict[tuple[str, str], FloatArray] = {}
         for site, lanes in cases.items():
             for name in lanes[0]["peaks"]:
-                self.found[site, name] = found_looks(recipe, lanes, name)
+                # The sweeps are of the first seeds only.
+                with_it = [lane for lane in lanes if name in lane["peaks"]]
+                self.found[site, name] = found_looks(recipe, with_it, name)
 
     def pd(self, site: str, detector: str) -> Interval:
         """Return the Pd of a detector at a site."""
         return share_of_looks(self.found[site, detector])
 
-    def gap(self, site: str, detector: str, rival: str) -> Interval:
+    def gap(self, site: str, detector: str, rival: str, level: float = 0.95) -> Interval:
         """Return the Pd of a detector at a site less that of another one, on the same looks."""
-        return paired_shares(self.found[site, detector], self.found[site, rival])
+        pair = self.found[site, detector], self.found[site, rival]
+        seeds = min(map(len, pair))
+        return paired_shares(pair[0][:seeds], pair[1][:seeds], level)
 
     def quantile_gap(self, site: str, detector: str) -> Interval:
         """Return the Pd by a high quantile of the boxes less that by their peaks."""
@@ -204,6 +209,7 @@ def findings(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> list[F
     looks = Looks(recipe, cases)
     return [
         *_detector_statements(recipe, looks),
+        *_sweep_statements(recipe, looks, cases),
         *_eigenvalue_statements(recipe, cases["sand"]),
         *_premise_statements(recipe, cases["sand"]),
         *_open_questions(recipe, looks),
@@ -248,8 +254,8 @@ def _detector_statements(recipe: StudyRecipe, looks: Looks) -> list[Finding]:
     for soil in titles:
         for rival in ("PWF", "HH"):
             statements.append(against("outperforms", soil, ours, rival, rival=rival))
-        if (soil, _RIVAL) in looks.found:
-            statements.append(against("few-examples", soil, ours, _RIVAL))
+        if (soil, FORMS[1]) in looks.found:
+            statements.append(against("few-examples", soil, ours, FORMS[1]))
     statements.append(_best_pd(recipe, looks, titles))
     for soil in titles:
         statement = against("first-eigenvector", soil, "rank 1", ours)
@@ -267,6 +273,94 @@ def _detector_statements(recipe: StudyRecipe, looks: Looks) -> list[Finding]:
             by_seed = looks.seeds(better, ours) - looks.seeds(worse, ours)
             words = {"better": titles[better], "worse": titles[worse]}
             statements.append(_judge(recipe, name, gap, by_seed, **words))
+    return statements
+
+
+def example_gaps(recipe: StudyRecipe, looks: Looks, soil: str, rank: int) -> dict[str, Interval]:
+    """Return Pd of deflection less Neyman-Pearson of a rank, by the number of examples of both."""
+    gaps = {}
+    for number in recipe.sweeps.numbers:
+        first, second = (example_name(form, rank, number) for form in FORMS)
+        if (soil, first) in looks.found:
+            gaps[str(number)] = looks.gap(soil, first, second)
+    return gaps
+
+
+def example_means(recipe: StudyRecipe, cases: Sequence[Case], rank: int) -> dict[str, Interval]:
+    """Return the mean Pd up to 0.1 per m² of deflection less Neyman-Pearson, by number of examples.
+
+    It is paired seed by seed, with Student's interval; the parameters are those of
+    :func:`found_looks` and the rank of both.
+    """
+    gaps = {}
+    for number in recipe.sweeps.numbers:
+        pair = [example_name(form, rank, number) for form in FORMS]
+        means = []
+        for case in cases:
+            if pair[0] in case["peaks"]:
+                curves = [case_curve(case, name, recipe.score.box) for name in pair]
+                means.append([pd_mean(curve, 0.1) for curve in curves])
+        if means:
+            gaps[str(number)] = students(-np.diff(means)[:, 0], bounds=SHARE_DIFFERENCE)
+    return gaps
+
+
+def _sweep_statements(
+    recipe: StudyRecipe, looks: Looks, cases: Mapping[str, Sequence[Case]]
+) -> list[Finding]:
+    """Judge what the sweeps show, in the soils that have them (Sec. II-B, III-A, III-C)."""
+    best_band, *bands = recipe.sweeps.bands
+    rivals = {
+        "two-polarizations": (
+            f"rank {recipe.detector.rank}",
+            {f"{name} alone": alone(name) for name in recipe.cut.polarizations},
+        ),
+        "best-band": (best_band, {name: name for name in bands}),
+    }
+    texts: dict[str, Any] = {
+        "pd": f"Pd at {recipe.score.pfa:g} per m²",
+        "rank": recipe.detector.rank,
+    }
+    statements = []
+    for soil in (soil for soil in SOILS if soil in recipe.sites):
+        texts["soil"] = recipe.sites[soil].title
+        for rank in recipe.sweeps.ranks:
+            gaps = example_gaps(recipe, looks, soil, rank)
+            if gaps:
+                words = {**texts, "rank": rank}
+                finding = _STATEMENTS.by_every("number-of-examples", gaps, **words)
+                remarks = {
+                    _room(
+                        *(
+                            looks.pd(soil, example_name(form, rank, int(number)))[0]
+                            for form in FORMS
+                        )
+                    )
+                    for number in gaps
+                }
+                note = remarks.pop() if len(remarks) == 1 else ""
+                statements.append(replace(finding, note=note))
+                means = example_means(recipe, cases[soil], rank)
+                first = next(iter(means.values()))
+                finding = _STATEMENTS.number("mean-by-examples", first, **words)
+                ours = "; ".join(
+                    f"{number}: "
+                    + (
+                        in_words(*mean)
+                        if math.isfinite(mean[1])
+                        else f"{mean[0]:z.2f} in every seed"
+                    )
+                    for number, mean in means.items()
+                )
+                statements.append(replace(finding, ours=ours))
+        for name, (best, others) in rivals.items():
+            gaps = {
+                title: looks.gap(soil, best, rival, together(len(others)))
+                for title, rival in others.items()
+                if (soil, rival) in looks.found
+            }
+            if gaps:
+                statements.append(_STATEMENTS.larger(name, gaps, **texts))
     return statements
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -73,7 +73,7 @@ def study_sensor(recipe: StudyRecipe) -> Sensor:
         If echoes from before the image appear in it with these tones.
     """
     preset = load_sensor(recipe.radar.sensor)
-    low, high = recipe.image.band
+    low, high = recipe.radar.tones or recipe.image.band
     count = round((high - low) / recipe.radar.tone_step) + 1
     margin = recipe.radar.margin
     x0, x1 = recipe.image.x
@@ -101,7 +101,11 @@ def tone_weight(recipe: StudyRecipe, sensor: Sensor) -> FloatArray:
 
 
 def lane_looks(
-    recipe: StudyRecipe, name: str, seed: int, share: float = 1.0
+    recipe: StudyRecipe,
+    name: str,
+    seed: int,
+    share: float = 1.0,
+    bands: Mapping[str, tuple[float, float]] | None = None,
 ) -> dict[str, list[Look]]:
     """Simulate a lane from both directions and image every mine at the study's range.
 
@@ -119,21 +123,28 @@ def lane_looks(
         Seed of the lane.
     share : float
         Share of the mines that are laid.
+    bands : mapping of str to tuple of float, optional
+        Bands, Hz, in which the open lane is imaged from tones that span them all.
 
     Returns
     -------
     dict
-        Two looks per mine, by surroundings: "roadside" with the bushes and posts that the site's
-        catalogue has beside the lane, "open" the same lane without them.
+        Two looks per mine, by band, or by surroundings without bands: "roadside" with the bushes
+        and posts that the site's catalogue has beside the lane, "open" the same lane without them.
     """
+    if bands is not None:
+        spanned = min(low for low, _ in bands.values()), max(high for _, high in bands.values())
+        recipe = recipe.model_copy(
+            update={"radar": recipe.radar.model_copy(update={"tones": spanned})}
+        )
     number = lane_seed(recipe, name, seed)
     scene, trains, depths = lane_scene(recipe, recipe.sites[name], number, share)
     looks: dict[str, list[Look]] = {}
-    for surroundings, images in _direction(recipe, scene, number, back=False).items():
-        looks[surroundings] = looks_of_stops(images, depths, trains)
-    for surroundings, images in _direction(recipe, scene, number + 1, back=True).items():
+    for view, images in _direction(recipe, scene, number, False, bands).items():
+        looks[view] = looks_of_stops(images, depths, trains)
+    for view, images in _direction(recipe, scene, number + 1, True, bands).items():
         # Driven back, the mines come in the opposite order.
-        looks[surroundings] += looks_of_stops(images, depths[::-1], trains[::-1])
+        looks[view] += looks_of_stops(images, depths[::-1], trains[::-1])
     return looks
 
 
@@ -156,7 +167,7 @@ def looks_of_stops(
     return looks
 
 
-def signature_looks(recipe: StudyRecipe, name: str) -> list[Look]:
+def signature_looks(recipe: StudyRecipe, name: str, share: float = SIGNATURE_SHARE) -> list[Look]:
     """Image mines of every depth of a site, without a lane around them.
 
     There are no surface, other objects and errors of the radar.
@@ -167,8 +178,10 @@ def signature_looks(recipe: StudyRecipe, name: str) -> list[Look]:
         The study.
     name : str
         Name of the site.
+    share : float
+        Share of the mines that are imaged.
     """
-    scene, trains, depths = lane_scene(recipe, recipe.sites[name], SIGNATURES, SIGNATURE_SHARE)
+    scene, trains, depths = lane_scene(recipe, recipe.sites[name], SIGNATURES, share)
     bare = changed(scene, clutter=BARE, **ALONE)
     simulator = Simulator(bare, study_sensor(recipe), SIGNATURES, errors=False)
     images = stop_images(recipe, simulator, simulator.scans(), "none")
@@ -225,9 +238,13 @@ def _mine(site: Site, slot: float, depth: float, rng: np.random.Generator) -> di
 
 
 def _direction(
-    recipe: StudyRecipe, scene: Scene, seed: int, back: bool
+    recipe: StudyRecipe,
+    scene: Scene,
+    seed: int,
+    back: bool,
+    bands: Mapping[str, tuple[float, float]] | None = None,
 ) -> dict[str, list[StopImage]]:
-    """Return the images of a drive's stops by surroundings.
+    """Return the images of a drive's stops by surroundings, or those of the open lane by band.
 
     Echoes add, so the roadside is simulated by itself and added to the open lane.
     """
@@ -239,10 +256,17 @@ def _direction(
         ground = from_other_end(ground, seed - 1)
         roadside = turned(roadside, seed - 1)
     simulator = Simulator(ground, sensor, seed)
-    roadside_simulator = Simulator(roadside, sensor, seed, errors=False)
     signal = np.stack(list(simulator.scans()))
-    with_roadside = signal + np.stack(list(roadside_simulator.scans()))
     signature = recipe.image.self_signature
+    if bands is not None:
+        images = {}
+        for name, band in bands.items():
+            image = recipe.image.model_copy(update={"band": band})
+            of_band = recipe.model_copy(update={"image": image})
+            images[name] = stop_images(of_band, simulator, signal, signature)
+        return images
+    roadside_simulator = Simulator(roadside, sensor, seed, errors=False)
+    with_roadside = signal + np.stack(list(roadside_simulator.scans()))
     return {
         "roadside": stop_images(recipe, simulator, with_roadside, signature),
         "open": stop_images(recipe, simulator, signal, signature),

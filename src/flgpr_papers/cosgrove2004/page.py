@@ -95,7 +95,10 @@ def page_tables(
 def _detector_rows(table: pd.DataFrame) -> list[list[str]]:
     """Tabulate the detectors' Pd at a site."""
     rows = []
-    for name, chosen in table.groupby("detector", sort=False):
+    # Those of the sweeps over examples stand in their figure.
+    for name, chosen in table[~table["detector"].str.endswith("examples")].groupby(
+        "detector", sort=False
+    ):
         row = [str(name)]
         for column in ("pd", "pd_quantile", "pd_rockless", "pd_mean"):
             pd_words = "{:.2f} ({:.2f} to {:.2f})"

@@ -23,6 +23,9 @@ class Radar(Table):
     tone_step: Positive  #: Hz
     range: Positive  #: distance of the mines from the stop, m
     scatterers: Positive | None = None  #: surface scatterers per m²
+    tones: tuple[float, float] | None = (
+        None  #: their ends, Hz; those of the image's band by default
+    )
     stop_spacing: Positive  #: m
     margin: Positive  #: simulated ground around the image, m
 
@@ -102,6 +105,16 @@ class Study(Table):
     share: Annotated[float, Field(gt=0, le=1)]
 
 
+class Sweeps(Table):
+    """What is tried beside the study, on the lanes of its first seeds."""
+
+    seeds: Annotated[int, Field(ge=0)]  #: number of seeds
+    mines: Annotated[int, Field(ge=1)]  #: of a further lane, seen twice, from which examples come
+    numbers: tuple[int, ...]  #: numbers of examples
+    ranks: tuple[int, ...]  #: ranks of the detectors trained on them
+    bands: dict[str, tuple[float, float]]  #: Hz, by name; the first is held to be the best
+
+
 class Site(Table):
     """A lane: soil, kind of mine and its body, and numbers of mines by depth (m)."""
 
@@ -150,6 +163,7 @@ class StudyRecipe(Table):
     score: Score
     premises: Premises
     study: Study
+    sweeps: Sweeps
     sites: dict[str, Site]
     questions: dict[str, str]
 

@@ -17,7 +17,6 @@ import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from flgpr.detect import ChipDetector
 from flgpr.method.model import Model, save_model
 from flgpr.progress import Track
 from flgpr.stages.forms import learnt_of
@@ -31,7 +30,7 @@ from flgpr_papers.cosgrove2004.detect import (
     score_looks,
     target_cut,
 )
-from flgpr_papers.cosgrove2004.findings import Case, findings, pd_table
+from flgpr_papers.cosgrove2004.findings import SOILS, Case, findings, pd_table
 from flgpr_papers.cosgrove2004.images import (
     SURROUNDINGS,
     Look,
@@ -45,6 +44,12 @@ from flgpr_papers.cosgrove2004.images import (
 from flgpr_papers.cosgrove2004.page import Cases, figure_rows, page_facts, page_tables
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe, study_recipe
 from flgpr_papers.cosgrove2004.signature import look_measures, signature_humps, visible_mines
+from flgpr_papers.cosgrove2004.sweeps import (
+    example_detectors,
+    example_looks,
+    one_polarization,
+    other_bands,
+)
 from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.study import Outcome, Study
 
@@ -100,6 +105,7 @@ def _figures(
         drawn[f"figure-4-{name}"] = partial(figures.imaged_signatures, recipe, sand["cuts"])
         drawn[f"figure-6-{name}"] = partial(figures.eigenvector_figure, recipe, sand)
         drawn[f"figure-7-{name}"] = partial(figures.roc_figure, recipe, lanes)
+        drawn[f"examples-{name}"] = partial(figures.examples_figure, recipe, lanes)
         drawn[f"depth-{name}"] = partial(figures.depth_figure, recipe, lanes)
     return drawn
 
@@ -148,6 +154,8 @@ def run_seed(
         bare_looks = signature_looks(recipe, site)
         signatures = np.concatenate([target_cut(recipe, look) for look in bare_looks])
         humps = signature_humps(recipe, bare_looks)
+        has_sweeps = site in SOILS and seed <= recipe.sweeps.seeds
+        examples = example_looks(recipe, site, seed, share) if has_sweeps else {}
         for surroundings, looks in lane_looks(recipe, site, seed, share).items():
             training = learn(recipe, [look for look in looks if look.trains])
             chip_detectors = detectors(
@@ -155,14 +163,23 @@ def run_seed(
             )
             if site == "sand":
                 sand_cuts[surroundings] = training.white
+            if has_sweeps:
+                chip_detectors |= example_detectors(
+                    recipe, site, seed, training, examples[surroundings]
+                )
             if models is not None:
                 detector = chip_detectors[f"rank {recipe.detector.rank}"]
                 learnt = learnt_of(detector.forms, training.clutter)
                 model = Model(stages={"map.deflection": learnt})
                 save_model(model, models / f"{site}-{surroundings}", detector.notes)
             has_wide_image = (surroundings, site) == ("open", "sand")
+            peaks = score_looks(recipe, [look for look in looks if not look.trains], chip_detectors)
+            if has_sweeps:
+                peaks |= one_polarization(recipe, looks)
+                peaks |= other_bands(recipe, site, seed, share) if surroundings == "open" else {}
             cases[surroundings][site] = {
-                **_lane_case(recipe, looks, training, chip_detectors),
+                **_lane_case(recipe, looks, training),
+                "peaks": {name: asdict(of_detector) for name, of_detector in peaks.items()},
                 "signature_humps": humps,
                 "visible": visible if has_wide_image else [],
                 "point_width": response.resolution[1],
@@ -172,20 +189,14 @@ def run_seed(
     return cases
 
 
-def _lane_case(
-    recipe: StudyRecipe,
-    looks: Sequence[Look],
-    training: Training,
-    chip_detectors: dict[str, ChipDetector],
-) -> Case:
-    """Return what was measured on a lane: premises, eigenvalues, cuts and peaks."""
+def _lane_case(recipe: StudyRecipe, looks: Sequence[Look], training: Training) -> Case:
+    """Return what was measured on a lane beside peaks: premises, eigenvalues and cuts."""
     test = [look for look in looks if not look.trains]
     first_looks = {look.depth: look for look in reversed(looks)}
     cuts = []
     for depth in sorted(first_looks)[:3]:
         magnitude = np.abs(target_cut(recipe, first_looks[depth])[0]).astype(float)
         cuts.append({"depth": depth, "magnitude": magnitude.tolist()})
-    peaks = score_looks(recipe, test, chip_detectors)
     return {
         "premises": look_measures(recipe, test, training.whitener),
         "training_looks": len(looks) - len(test),
@@ -193,7 +204,6 @@ def _lane_case(
         "ratios": eigenvalue_ratios(recipe, training).tolist(),
         "eigenvectors": np.abs(eigenvectors(recipe, training)).tolist(),
         "cuts": cuts,
-        "peaks": {name: asdict(of_detector) for name, of_detector in peaks.items()},
     }
 
 

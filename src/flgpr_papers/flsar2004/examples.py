@@ -31,7 +31,7 @@ from flgpr.stages.clusters import (
     TemplateSettings,
     templates_of,
 )
-from flgpr_papers.flsar2004.lanes import Pass, Settings
+from flgpr_papers.flsar2004.lanes import Pass, RadiusIs, Settings
 from flgpr_papers.flsar2004.machines import Examples
 
 FloatArray = NDArray[np.float64]
@@ -259,7 +259,10 @@ def _with_features(
 
 
 def learn_screen(
-    settings: Settings, site: Site, kinds: tuple[str, ...] = ("metal",)
+    settings: Settings,
+    site: Site,
+    kinds: tuple[str, ...] = ("metal",),
+    radius_is: RadiusIs | None = None,
 ) -> ClusterScreen:
     """Train the recipe's prescreeners on the subset's mines of some kinds.
 
@@ -273,10 +276,13 @@ def learn_screen(
         The site.
     kinds : tuple of str
         Kinds of mines.
+    radius_is : str, optional
+        What the paper's 20 cm are; by default as the settings say.
     """
     table = ClusterSettings(
         **_sizes(settings),
         radius=settings.prescreen.radius,
+        radius_is=radius_is or settings.prescreen.radius_is,
         pass_share=settings.prescreen.pass_share,
         reach=settings.prescreen.halo,
         kinds=kinds,
@@ -329,7 +335,7 @@ def clutter_past_prescreeners(
     mines = site.mines[["x", "y"]].to_numpy(dtype=np.float64)
     counts = np.zeros(3, dtype=np.int64)
     for channel, (ellipse, limits) in screen.channels(site.view):
-        clusters = find_clusters(channel, limits.amplitude, screen.settings.radius)
+        clusters = find_clusters(channel, limits.amplitude, screen.settings.forming)
         x = clusters["x"].to_numpy()
         y = clusters["y"].to_numpy()
         in_lane = np.logical_or.reduce([lane.contains(x, y) for lane in site.lanes])

@@ -31,12 +31,18 @@ from flgpr_papers.flsar2004.findings import (
     likeness_interval,
     stronger_interval,
 )
+from flgpr_papers.flsar2004.lanes import RadiusIs
 from flgpr_papers.flsar2004.machines import Examples, HeldOut, leave_one_out, rvm, with_lost
 from flgpr_papers.flsar2004.material import SHALLOW, SURFACE, Material, Results, pick_examples
 from flgpr_papers.kit.intervals import difference_of_shares, proportion
 
 FEWEST_EXAMPLES = 6
 """Looks at mines, and clutter regions, that a classifier of Fig. 5 needs past the prescreeners."""
+RADII: dict[RadiusIs, str] = {
+    "forming": "20 cm as what forms clusters",
+    "size": "20 cm as their least size",
+}
+"""Readings of "the radius used to define the cluster threshold is 20 cm" (par. 15)."""
 FIG5_FAR = 0.04
 """False alarms per m² at which the curves of Fig. 5 are compared.
 
@@ -107,24 +113,40 @@ def _plastic_peaks(material: Material, site: Site) -> pd.DataFrame:
 def screened(material: Material) -> Results:
     """Run Fig. 5: metal mines flush and at 5 cm, with prescreeners.
 
-    What the second prescreener adds, and what becomes of plastic mines, is measured, too.
+    What the second prescreener adds, and what becomes of plastic mines, is measured, too. Statements
+    are judged by what the settings take the paper's 20 cm for; of the other reading (par. 15) the
+    curves are drawn and the second prescreener is judged.
     """
+    chosen = material.settings.prescreen.radius_is
+    results = _screened(material, chosen, "")
+    other: RadiusIs = "size" if chosen == "forming" else "forming"
+    beside = _screened(material, other, f", {RADII[other]}")
+    results.curves |= beside.curves
+    results.notes |= beside.notes
+    results.findings += [one for one in beside.findings if one.claim.endswith(RADII[other])]
+    return results
+
+
+def _screened(material: Material, radius_is: RadiusIs, reading: str) -> Results:
+    """Run Fig. 5 by a reading of par. 15, which stands behind the names of the sites."""
     settings = material.settings
     results = Results()
     passed_shares = []
     tables = []
     for site, template in zip(material.sites, material.templates, strict=True):
-        screen = learn_screen(settings, site)
+        screen = learn_screen(settings, site, radius_is=radius_is)
         mines = _offered(site)
         is_asked = (mines["kind"] == "metal") & mines["depth"].between(SURFACE, SHALLOW)
         offered = mines[is_asked].reset_index(drop=True)
         scores: dict[str, HeldOut] = {}
-        results.curves[f"fig5 {site.name}"] = {}
+        results.curves[f"fig5 {site.name}{reading}"] = {}
         for label, polarizations in (("HH", ("HH",)), ("VV", ("VV",)), ("both", POLARIZATIONS)):
             regions = screened_regions(site, screen, polarizations)
             examples = screened_examples(settings, site, template, regions)
             chosen = pick_examples(examples, ("metal",), (SURFACE, SHALLOW), label)
-            passed = _classify_passed(material, site, label, chosen, offered, results)
+            passed = _classify_passed(
+                material, site, f"{site.name}{reading}", label, chosen, offered, results
+            )
             if passed is not None:
                 scores[label] = passed
         tables.append(examples[0])
@@ -132,7 +154,7 @@ def screened(material: Material) -> Results:
             passed_shares.append((int((chosen[0]["kind"] == "metal").sum()), len(offered)))
         if len(scores) == len(POLARIZATIONS) + 1:
             _judge_polarizations(material, site, scores, results)
-        _count_clutter(material, site, screen, results)
+        _count_clutter(material, site, f"{site.name}{reading}", screen, results)
     if len(passed_shares) == 2:
         results.judge("peak", difference_of_shares(*passed_shares))
     offered_kinds = _offered(material.sites[0])["kind"]
@@ -148,6 +170,7 @@ def screened(material: Material) -> Results:
 def _classify_passed(
     material: Material,
     site: Site,
+    case: str,
     label: str,
     chosen: Examples,
     offered: pd.DataFrame,
@@ -162,14 +185,14 @@ def _classify_passed(
     mines = int(is_metal.sum())
     clutter = int((~is_metal).sum())
     if min(mines, clutter) < FEWEST_EXAMPLES:
-        results.notes[f"fig5 {site.name} {label}"] = (
+        results.notes[f"fig5 {case} {label}"] = (
             f"{mines} of {len(offered)} looks at mines and {clutter} clutter regions pass;"
             f" a classifier needs {FEWEST_EXAMPLES} of each"
         )
         return None
     options = material.settings.classify
     scores = leave_one_out(*chosen, rvm(options), options.folds)
-    results.add_curve(f"fig5 {site.name}", label, scores, site.area, len(offered))
+    results.add_curve(f"fig5 {case}", label, scores, site.area, len(offered))
     return with_lost(scores, table[is_metal], offered)
 
 
@@ -185,17 +208,19 @@ def _judge_polarizations(
     results.judge("polarizations", gap, site=site.name)
 
 
-def _count_clutter(material: Material, site: Site, screen: ClusterScreen, results: Results) -> None:
+def _count_clutter(
+    material: Material, site: Site, case: str, screen: ClusterScreen, results: Results
+) -> None:
     """Count the clutter past each prescreener of a site, and judge what the second one removes."""
     halo = material.settings.prescreen.halo
     first, second, third = clutter_past_prescreeners(site, screen, halo)
-    results.notes[f"prescreeners one after the other, {site.name}"] = {
+    results.notes[f"prescreeners one after the other, {case}"] = {
         "clutter clusters past amplitude and size": first,
         "past standard deviation too": second,
         "past the ellipse too": third,
     }
     if first:
-        results.judge("second-prescreener", proportion(first - second, first), site=site.name)
+        results.judge("second-prescreener", proportion(first - second, first), site=case)
 
 
 def _offered(site: Site) -> pd.DataFrame:
@@ -220,6 +245,9 @@ def other_screens(material: Material) -> Results:
         ),
         "prescreened, thresholds learnt on metal and plastic": screened_regions(
             site, screen_of_both, POLARIZATIONS
+        ),
+        f"prescreened, {RADII['size']}": screened_regions(
+            site, learn_screen(settings, site, radius_is="size"), POLARIZATIONS
         ),
     }
     offered = _offered(site)["kind"].value_counts()

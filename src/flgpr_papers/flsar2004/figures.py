@@ -17,7 +17,7 @@ from flgpr.detect import OneClassRelevanceVectorMachine, RelevanceVectorClassifi
 from flgpr.detect.one_class import FORMULATIONS
 from flgpr.screen import fit_ellipse
 from flgpr_papers.flsar2004.examples import POLARIZATIONS, Site, make_templates
-from flgpr_papers.flsar2004.lanes import Settings
+from flgpr_papers.flsar2004.lanes import Settings, fiducials
 from flgpr_papers.kit.figures import show, subplots
 from flgpr_papers.kit.settings import packaged_text
 
@@ -54,17 +54,18 @@ def drawings(
     }
     for number in range(5, 11):
         names = [name for name in TITLES if name.split()[0] == f"fig{number}"]
-        figures[f"fig{number}"] = rocs(names, (1, len(names)))
+        figures[f"fig{number}"] = rocs(names, (-(-len(names) // 2), min(len(names), 2)))
     figures["machines"] = rocs(["machines"], (1, 1))
     figures["vectors"] = lambda: _vectors(notes["vectors by fold"])
     figures["one-class-width"] = kernel_width_figure
-    figures["rocs"] = rocs([name for name in TITLES if name != "machines"], (3, 3))
+    shown_together = [name for name in TITLES if name != "machines" and "20 cm" not in name]
+    figures["rocs"] = rocs(shown_together, (3, 3))
     return figures
 
 
 def _lane(settings: Settings, site: Site) -> Figure:
     """Draw Fig. 1: HH and VV over part of the lane, with mines."""
-    figure, rows_of_panels = subplots(10, 4.6, 2, 1, sharex=True)
+    figure, rows_of_panels = subplots(10, 4.8, 2, 1, sharex=True)
     end = min(30.0, settings.length)
     rows = (site.grid.y >= 0) & (site.grid.y <= end)
     shown_mines = site.mines[site.mines["y"].between(0, end)]
@@ -72,7 +73,9 @@ def _lane(settings: Settings, site: Site) -> Figure:
         level = 20 * np.log10(np.maximum(site.image[p, 0][rows], 1e-6))
         level -= np.median(level)
         extent = (0, end, site.grid.x[0], site.grid.x[-1])
-        show(axes, level.T, extent, -5, 25, cmap="viridis")
+        shown = show(axes, level.T, extent, -5, 25, cmap="viridis")
+        beside = np.array([place for place in fiducials(settings) if place[1] <= end])
+        axes.plot(*beside.T[::-1], "^", mfc="none", mec="#ffb347", ms=9)
         for x, y, kind, depth in shown_mines[["x", "y", "kind", "depth"]].to_numpy():
             where = "surface" if depth < -0.05 else f"{100 * depth:.0f} cm"
             axes.plot(y, x, "o", mfc="none", mec="white", ms=11)
@@ -88,8 +91,9 @@ def _lane(settings: Settings, site: Site) -> Figure:
         axes.grid(visible=False)
         axes.set(ylabel=f"{POLARIZATIONS[p]}\ncross-track, m")
     axes.set_xlabel("down-track, m")
+    figure.colorbar(shown, ax=rows_of_panels, label="dB over the median", shrink=0.8)
     figure.suptitle(
-        f"{site.name}, {settings.ranges[0]:g} m ahead: dB over the median; M metal, P plastic"
+        f"{site.name}, {settings.ranges[0]:g} m ahead; M metal, P plastic; triangles: fiducials"
     )
     return figure
 
@@ -152,7 +156,11 @@ def _draw_template(axes: Axes, template: NDArray[Any], settings: Settings) -> No
     along = y + ellipse.half_y * np.cos(angle)
     across = x + ellipse.half_x * np.sin(angle)
     axes.plot(along, across, "w:", lw=1)
-    axes.set(xlim=(-half_y, half_y), ylim=(-half_x, half_x), xticks=(-0.3, 0, 0.3))
+    # The centroid of two flashes lies off the brightest pixel: the ellipse may leave the template.
+    reach_y = 1.02 * max(half_y, np.abs(along).max())
+    reach_x = 1.02 * max(half_x, np.abs(across).max())
+    axes.set(xlim=(-reach_y, reach_y), ylim=(-reach_x, reach_x), xticks=(-0.3, 0, 0.3))
+    axes.set_facecolor("#555")
     axes.grid(visible=False)
 
 
@@ -204,8 +212,8 @@ def _rocs(
 ) -> Figure:
     """Draw ROC curves by name, a panel each."""
     rows, columns = shape
-    width, height = (11, 10) if rows > 1 else (5.2 * columns, 3.8)
-    figure, panels = subplots(width, height, rows, columns, squeeze=False)
+    width, height = (3.7, 3.4) if columns > 2 else (5.2, 3.8)
+    figure, panels = subplots(width * columns, height * rows, rows, columns, squeeze=False)
     for axes, name in zip(panels.ravel(), names, strict=True):
         for label, curve in curves.get(name, {}).items():
             # Not in the paper's figure.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -33,6 +34,7 @@ from flgpr_papers.kit.settings import Table, packaged
 from flgpr_papers.kit.study_worlds import OWN, study_world
 
 FloatArray = NDArray[np.float64]
+RadiusIs = Literal["forming", "size"]
 _SIDE = 0.2  # m of a stop's image beyond the lane's, cross-track
 _BEYOND = 0.75  # m of a stop's image beyond half a step, down-track
 # image pixels of a stop per pixel of the lane, down-track: the lane's pixels are interpolated
@@ -62,7 +64,9 @@ class Features(Table):
 class Prescreen(Table):
     """Prescreeners and what counts as a hit."""
 
-    radius: float  #: of a cluster, m
+    radius: float  #: the paper's 20 cm, m
+    #: what they are (par. 15): that within which a cluster forms, or that of the least cluster
+    radius_is: RadiusIs
     pass_share: float  #: share of the subset's mines that a threshold lets pass
     halo: float  #: largest distance of a hit from its mine, m
 
@@ -212,6 +216,14 @@ def study_sensor(settings: Settings) -> Sensor:
     return sensor
 
 
+def fiducials(settings: Settings) -> list[tuple[float, float]]:
+    """Return x and y of the fiducials on both sides of a lane, m."""
+    places = []
+    for y in np.arange(settings.fiducial_pitch / 2, settings.length, settings.fiducial_pitch):
+        places += [(x, float(y)) for x in (-settings.fiducial_x, settings.fiducial_x)]
+    return places
+
+
 def _scene(settings: Settings, site: str) -> Scene:
     """Return the scene of a site's lane, with fiducials on both of its sides."""
     draws = []
@@ -219,11 +231,10 @@ def _scene(settings: Settings, site: str) -> Scene:
         for kind, count in (("metal", mines.metal), ("plastic", mines.plastic)):
             draw = {"kind": kind, "depth": mines.depth, "count": count, "position_jitter": 0.2}
             draws.append(draw)
-    fiducials = []
-    for y in np.arange(settings.fiducial_pitch / 2, settings.length, settings.fiducial_pitch):
-        for x in (-settings.fiducial_x, settings.fiducial_x):
-            place = {"kind": "fiducial", "x": x, "y": float(y), "height": 0.3}
-            fiducials.append({**place, "rcs_db": settings.fiducial_rcs})
+    reflectors = []
+    for x, y in fiducials(settings):
+        place = {"kind": "fiducial", "x": x, "y": y, "height": 0.3}
+        reflectors.append({**place, "rcs_db": settings.fiducial_rcs})
     first = -settings.ranges[-1] - settings.step
     last = settings.length - settings.ranges[0] + settings.step
     stops = np.arange(first, last + 0.1, settings.step)
@@ -235,7 +246,7 @@ def _scene(settings: Settings, site: str) -> Scene:
             "x_max": settings.lane[1],
             "length": settings.length,
             "draws": draws,
-            "objects": fiducials,
+            "objects": reflectors,
             "track": {"positions": stops.tolist()},
             "surface": {"density": settings.density},
         }

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Circle, Rectangle
 from numpy.typing import NDArray
 
 from flgpr.clutter import TABLE_II
@@ -27,6 +27,7 @@ from flgpr_papers.kit.intervals import clustered
 
 Arrays = Mapping[str, NDArray[Any]]
 _RANGE = 40.0  # dB shown
+_RING = 0.5  # m, radius of the rings about mines: the halo of the ROC
 _DEEP = 55.0  # dB, where a mine must show beside a post
 COMPARED = {
     "original": ("0.25", "-"),
@@ -58,7 +59,7 @@ def mask_figure(example: Arrays, band: str, title: str) -> Figure:
     """Draw an image of the example frame beside its binary mask, as Fig. 3 to 5."""
     figure, (left, right) = subplots(8.6, 3.1, 1, 2, sharey=True)
     shown = _image(left, example, example[band])
-    figure.colorbar(shown, ax=left, label="dB")
+    figure.colorbar(shown, ax=[left, right], label="dB", shrink=0.7)
     left.set_title(f"{title}: (a) SAR image", fontsize=10)
     _mask(right, example, example[f"mask {band}"], "(b) binary mask, fundamental part")
     for axes in (left, right):
@@ -335,12 +336,12 @@ def fullwave_figure(study: FullwaveStudy) -> Figure:
 def _image(axes: Axes, example: Arrays, magnitude: NDArray[Any], top: float | None = None) -> Any:
     """Draw a magnitude in dB under its top."""
     level = 20 * np.log10(np.maximum(magnitude / (top or magnitude.max()), 1e-8))
-    return show(axes, level, _extent(example), -_DEEP, 0, cmap="viridis", aspect="auto")
+    return show(axes, level, _extent(example), -_DEEP, 0, cmap="viridis")
 
 
 def _mask(axes: Axes, example: Arrays, mask: NDArray[Any], title: str) -> None:
     """Draw a mask."""
-    show(axes, mask, _extent(example), 0, 1, cmap="gray", aspect="auto")
+    show(axes, mask, _extent(example), 0, 1, cmap="gray")
     axes.set_title(title, fontsize=10)
 
 
@@ -356,9 +357,9 @@ def _dress(axes: Axes, example: Arrays, boxes: bool = False) -> None:
     x_min, x_max, y_min, y_max = _extent(example)
     for x, y in example["mines"]:
         if x_min <= x <= x_max and y_min <= y <= y_max:
-            # A black rim, to be seen on bright ground, too.
-            axes.plot(x, y, "^", mfc="none", mec="black", ms=8, mew=3.0)
-            axes.plot(x, y, "^", mfc="none", mec="#37d67a", ms=8, mew=1.5)
+            # A ring of the halo leaves the mine to be seen; a black rim shows on bright ground.
+            for width, colour in ((3.0, "black"), (1.3, "#37d67a")):
+                axes.add_patch(Circle((x, y), _RING, fill=False, ec=colour, lw=width))
     if boxes:
         side = float(example["box side"])
         for x, y in example["boxes"]:

@@ -19,6 +19,7 @@ from flgpr_papers.fuse2018.powers import (
     frame_spread,
     mean_over_boxes,
     mine_changes,
+    mine_powers,
     own_changes,
     power_db,
     strongest_boxes,
@@ -94,6 +95,7 @@ def paper_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Find
     if any(len(lane.boxes) for lane in lanes):
         findings += clutter_findings(strongest_boxes(lanes), recipe)
         findings += _band_findings(lanes, recipe)
+        findings += _ratio_findings(lanes, strongest_boxes(lanes), recipe)
     findings += _mine_findings(lanes, recipe)
     for lane in lanes:
         for convention, words in CONVENTIONS.items():
@@ -177,6 +179,26 @@ def _band_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Find
             findings.append(finding)
     covered = mean_over_boxes(clutter, clutter["held"], recipe)
     return [*findings, STATEMENTS.number("covers-clutter", covered)]
+
+
+def _ratio_findings(
+    lanes: Sequence[LaneResult], boxes: pd.DataFrame, recipe: FuseRecipe
+) -> list[Finding]:
+    """Judge the gain of signal to clutter, and that clutter falls below the mines' power."""
+    draws = recipe.boxes.draws
+    signal = clustered(*own_changes(lanes, "iteration"), draws)
+    clutter = mean_over_boxes(boxes, power_db(boxes, "#6"), recipe)
+    over = {}
+    for variant in ("original", "iteration"):
+        mines = clustered(*mine_powers(lanes, variant), draws)
+        power = mean_over_boxes(boxes, 10 * np.log10(boxes[variant].to_numpy()), recipe)
+        over[variant] = difference_of_means(mines, power)
+    return [
+        STATEMENTS.number("signal-to-clutter", difference_of_means(signal, clutter)),
+        STATEMENTS.number(
+            "below-targets", over["iteration"], before=with_interval(over["original"])
+        ),
+    ]
 
 
 def _mine_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Finding]:

@@ -17,6 +17,7 @@ from flgpr_papers.fuse2018.fullwave import FullwaveStudy
 from flgpr_papers.fuse2018.lanes import BANDS, FuseRecipe, band_sensor
 from flgpr_papers.fuse2018.matches import CONVENTIONS, scored
 from flgpr_papers.fuse2018.poses import PoseStudy
+from flgpr_papers.fuse2018.powers import power_db, strongest_boxes
 from flgpr_papers.fuse2018.process import LaneResult
 from flgpr_papers.fuse2018.suppression import VARIANTS, Calibration
 from flgpr_papers.kit.cache import Arrays
@@ -57,7 +58,20 @@ def page_facts(measured: Measured, found: Sequence[Finding]) -> dict[str, Any]:
             if mask.dtype == bool
         },
         "ours": ours,
+        "right_box": _right_box(measured),
     }
+
+
+def _right_box(measured: Measured) -> str:
+    """Return by how much #5 and #6 differ in the right box of the example frame."""
+    boxes = strongest_boxes(measured.lanes[:1])
+    is_shown = boxes["frame"] == int(measured.example["frame"])
+    boxes = boxes[is_shown & (boxes["side"] == "right")]
+    if boxes.empty:
+        return "there is none."
+    more = float((power_db(boxes, "#6") - power_db(boxes, "#5"))[0])
+    better = "#5" if more > 0 else "#6"
+    return f"{better} leaves less, by {abs(more):.1f} dB."
 
 
 def roc_rows(measured: Measured) -> Rows:

@@ -75,6 +75,17 @@ def mine_changes(lanes: Sequence[LaneResult], variant: str) -> tuple[FloatArray,
     return np.concatenate(changes), pd.concat(mines, ignore_index=True)
 
 
+def mine_powers(lanes: Sequence[LaneResult], variant: str) -> tuple[FloatArray, pd.Series]:
+    """Return the mean power in a box about every look's mine, dB, and the mine of each look.
+
+    The parameters are those of :func:`mine_changes`.
+    """
+    tables = [lane.mines.assign(lane=lane.name) for lane in lanes]
+    rows = pd.concat(tables)
+    rows = rows[rows["variant"] == variant]
+    return 10 * np.log10(rows["power"].to_numpy()), rows["lane"] + rows["target"].astype(str)
+
+
 def own_changes(lanes: Sequence[LaneResult], variant: str) -> tuple[FloatArray, pd.Series]:
     """Return the change of what every mine alone gives at its peak, dB, and the mine of each look.
 

@@ -122,19 +122,24 @@ def _boxes_of(objects: pd.DataFrame, cleaned: Cleaned, recipe: FuseRecipe) -> li
     """Return the pixels (y, x) of every object's square box."""
     grid = cleaned.stage.grid
     half = recipe.boxes.side / 2
-    boxes = []
-    for x, y in objects[["x", "y"]].to_numpy():
-        rows = np.abs(grid.y - y) <= half
-        boxes.append(rows[:, None] & (np.abs(grid.x - x) <= half))
-    return boxes
+    return [_box(grid, position, half) for position in objects[["x", "y"]].to_numpy()]
+
+
+def _box(grid: Grid, position: FloatArray, half: float) -> BoolArray:
+    """Return the pixels (y, x) of a square box of a half side, m."""
+    rows = np.abs(grid.y - position[1]) <= half
+    return np.asarray(rows[:, None] & (np.abs(grid.x - position[0]) <= half))
 
 
 def mine_rows(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> Rows:
-    """Return the mines' peaks under each variant."""
+    """Return the mines' peaks, and the power in boxes about them, under each variant."""
+    grid = cleaned.stage.grid
+    half = recipe.boxes.side / 2
     original = np.abs(cleaned.aperture.vv)
     rows: Rows = []
     for target, position in targets_in_area(frames, cleaned.pose, recipe):
-        halo = halo_of(cleaned.stage.grid, position, recipe.score.halo / 2)
+        halo = halo_of(grid, position, recipe.score.halo / 2)
+        box = _box(grid, position, half)
         is_masked = bool(cleaned.masks["pixel"][_peak_pixel(original, halo)])
         for variant, image in cleaned.images.items():
             rows.append(
@@ -144,6 +149,7 @@ def mine_rows(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> Rows:
                     "variant": variant,
                     "depth": target.depth,
                     "peak": float(np.abs(image[halo]).max()),
+                    "power": float(np.mean(np.abs(image[box]) ** 2)),
                     "masked": is_masked,
                 }
             )

@@ -159,11 +159,6 @@ def for_run(findings: Sequence[Finding], quick: bool) -> list[Finding]:
     return without_verdicts
 
 
-def without_paper(findings: Sequence[Finding]) -> list[str]:
-    """Return the claims that do not say what the paper has: its figure, or where it states them."""
-    return [finding.claim for finding in findings if not finding.paper.strip()]
-
-
 def judge(
     interval: Interval, rule: Bounds, worth: float = 0.0, figure: Interval | None = None
 ) -> str:

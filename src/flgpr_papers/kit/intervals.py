@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import stdtrit
+from scipy.special import ndtri, stdtrit
 
 from flgpr.scoring import clopper_pearson, paired_interval
 
@@ -77,7 +77,7 @@ def intracluster(table: ArrayLike) -> float:
     return float(np.clip((between - within) / total, 0.0, 1.0)) if total > 0 else 0.0
 
 
-def effective_looks(table: ArrayLike) -> float:
+def effective_looks(table: ArrayLike, level: float = 0.95) -> float:
     """Return how many independent looks the looks of a table are worth.
 
     It is their number over the design effect ``1 + (looks - 1) correlation`` (Kish 1965, Survey
@@ -90,6 +90,8 @@ def effective_looks(table: ArrayLike) -> float:
     ----------
     table : (cluster, look) array_like
         A value of every look.
+    level : float
+        Probability of the interval that they are for.
 
     Raises
     ------
@@ -101,8 +103,9 @@ def effective_looks(table: ArrayLike) -> float:
     if clusters < 2:
         raise ValueError(f"table must have at least two clusters, got {clusters}")
     correlation = max(LEAST_CORRELATION, intracluster(values))
-    t = float(stdtrit(clusters - 1, 0.975))
-    return clusters * looks / (1 + (looks - 1) * correlation) * (Z / t) ** 2
+    t = float(stdtrit(clusters - 1, (1 + level) / 2))
+    z = float(ndtri((1 + level) / 2))
+    return clusters * looks / (1 + (looks - 1) * correlation) * (z / t) ** 2
 
 
 def share_of_looks(found: ArrayLike) -> Interval:
@@ -124,7 +127,7 @@ def share_of_looks(found: ArrayLike) -> Interval:
     return share, float(low), float(high)
 
 
-def paired_shares(first: ArrayLike, second: ArrayLike) -> Interval:
+def paired_shares(first: ArrayLike, second: ArrayLike, level: float = 0.95) -> Interval:
     """Return a share less another one of the same looks, with its interval.
 
     It is Tango's score interval of the looks in which the two differ, which does not shrink to a
@@ -134,11 +137,13 @@ def paired_shares(first: ArrayLike, second: ArrayLike) -> Interval:
     ----------
     first, second : (cluster, look) array_like
         1 where a look counts, 0 where it does not, in the same order.
+    level : float
+        Probability of the interval.
     """
     gap = np.asarray(first, dtype=np.float64) - np.asarray(second, dtype=np.float64)
-    size = effective_looks(gap)
+    size = effective_looks(gap, level)
     more, less = float(np.mean(gap > 0)), float(np.mean(gap < 0))
-    low, high = paired_interval(more * size, less * size, size)
+    low, high = paired_interval(more * size, less * size, size, level)
     return more - less, low, high
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections import Counter
-from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from importlib import resources
@@ -101,51 +99,6 @@ def mix_draws(mix: str, depth: float, count: int, **entries: Any) -> list[dict[s
     for body, number in mix_counts(mix, count).items():
         draws.append({"kind": kind, "body": body, "depth": depth, "count": number, **entries})
     return draws
-
-
-def mix_draws_at_depths(
-    mix: str, counts: Mapping[float, int], **entries: Any
-) -> list[dict[str, Any]]:
-    """Return the draws of a scene that put mines of a mix at several depths.
-
-    There is a draw per depth and body. All mines of the lane are counted by :func:`mix_counts`,
-    brought into an order in which every stretch is near the mix, and dealt to the depths in the
-    order given: depths with few mines do not all get the body declared first.
-
-    Parameters
-    ----------
-    mix : str
-        Name of a declared mix.
-    counts : mapping of float to int
-        Number of mines by the depth of their tops, m.
-    **entries
-        Further entries of every draw, as of ``flgpr.simulate.scene.scene.TargetDraw``.
-
-    Raises
-    ------
-    ValueError
-        If no mix has that name, or a count is negative.
-    """
-    if min(counts.values(), default=0) < 0:
-        raise ValueError(f"counts must not be negative, got {dict(counts)}")
-    kind = find_mix(mix).kind
-    ordered = _interleave(mix_counts(mix, sum(counts.values())))
-    draws = []
-    for depth, count in counts.items():
-        dealt = Counter(ordered[:count])
-        ordered = ordered[count:]
-        for body, number in dealt.items():
-            draws.append({"kind": kind, "body": body, "depth": depth, "count": number, **entries})
-    return draws
-
-
-def _interleave(counts: Mapping[str, int]) -> list[str]:
-    """Return each body as often as counted, evenly spread over the list."""
-    positions = []
-    for rank, (body, number) in enumerate(counts.items()):
-        for k in range(number):
-            positions.append((Fraction(2 * k + 1, 2 * number), rank, body))
-    return [body for _, _, body in sorted(positions)]
 
 
 _DECLARED = tomllib.loads(

@@ -144,8 +144,8 @@ class Statements:
     def by_every(self, name: str, intervals: Mapping[str, Interval], **fields: Any) -> Finding:
         """Judge a statement that must not depend on a choice of ours, by every choice.
 
-        Where the choices are not of one verdict, it cannot be said. The parameters are those of
-        :meth:`within`.
+        Where the choices are not of one verdict, it cannot be said, and each has its verdict beside
+        it. The parameters are those of :meth:`within`.
         """
         declared = self.declared[name]
         rule = _rule_of(declared)
@@ -154,10 +154,14 @@ class Statements:
         worth = _worth_of(declared, rule)
         bounds = _BOUNDS[declared["is"]]
         cut = {choice: clip(interval, bounds) for choice, interval in intervals.items()}
-        verdicts = {judge(one, rule, worth) for one in cut.values()}
+        each = {choice: judge(one, rule, worth) for choice, one in cut.items()}
+        verdicts = set(each.values())
+        words = {choice: f"{choice}: {in_words(*one)}" for choice, one in cut.items()}
+        if len(verdicts) > 1:
+            words = {choice: f"{text} {each[choice]}" for choice, text in words.items()}
         return Finding(
             **_filled(declared, fields),
-            ours="; ".join(f"{choice}: {in_words(*one)}" for choice, one in cut.items()),
+            ours="; ".join(words.values()),
             verdict=verdicts.pop() if len(verdicts) == 1 else UNDECIDED,
             interval=next(iter(cut.values())),
             rule=rule,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -68,9 +68,9 @@ class LaneResult:
     alarms: pd.DataFrame  #: alarms of the prescreener
     features: pd.DataFrame  #: their features, row by row
     view: xr.DataArray  #: run-view (polarization, subband, y, x)
-    #: run-view (y, x) of the prescreener's channel over the full range of the images, if there is
-    #: one
-    wide_view: xr.DataArray | None
+    #: other run-views (y, x) of the prescreener's channel, by name: over the full range of the
+    #: images, and by the largest and the mean look
+    other_views: Mapping[str, xr.DataArray]
 
     @property
     def training(self) -> tuple[str, pd.DataFrame, pd.DataFrame, pd.DataFrame, Lane]:
@@ -422,23 +422,25 @@ def prescreened(
     results : sequence of LaneResult
         The lanes.
     polarization, subband : str
-        The channel; the sub-band "wide" is the prescreener's channel over the full range.
+        The channel; other run-views of the prescreener's are named as if they were sub-bands.
     recipe : Recipe
         Recipe of the study.
 
     Raises
     ------
     ValueError
-        If a lane has no run-view over the full range.
+        If a lane has no such run-view.
     """
     tables = []
     for result in results:
-        if subband == "wide":
-            view = result.wide_view
-        else:
+        if subband in BANDS:
             view = result.view.sel(polarization=polarization, subband=subband)
-        if view is None:
-            raise ValueError(f"lane {result.name} must have a run-view over the full range")
+        elif subband in result.other_views:
+            view = result.other_views[subband]
+        else:
+            raise ValueError(
+                f"lane {result.name} must have a run-view {subband!r}, got {list(result.other_views)}"
+            )
         screen = recipe.prescreen
         alarms = prescreen(view, result.lane, screen.radius, screen.density, screen.count)
         tables.append(alarms.assign(confidence=alarms["magnitude"]))

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from textwrap import wrap
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -168,12 +170,16 @@ def clean_bands_figure(examples: Examples) -> Figure:
     return figure
 
 
-def prescreener_figure(matches: Mapping[tuple[str, str], Match]) -> Figure:
-    """Draw Fig. 9: ROC of the prescreener for every polarization and sub-band."""
+def prescreener_figure(
+    pooled: Mapping[tuple[str, str], Match], one_run: Mapping[tuple[str, str], Match]
+) -> Figure:
+    """Draw Fig. 9: ROC of the prescreener by polarization and sub-band, of one run over all runs."""
     figure, axes = subplots(9, 3.4, 1, 3)
     for axis, polarization in zip(axes, POLARIZATIONS, strict=True):
         for colour, band in zip(_COLOURS, ("F1", "F2", "F3", "F4", "F0"), strict=True):
-            curve = roc_of(matches[polarization, band], MINES, area=AREA)
+            all_runs = roc_of(pooled[polarization, band], MINES, area=AREA)
+            axis.step(all_runs["far"], all_runs["pd"], where="post", color=colour, alpha=0.3, lw=1)
+            curve = roc_of(one_run[polarization, band], MINES, area=AREA)
             _step(axis, curve, band, colour, ":" if band == "F0" else "-")
         _roc_axes(axis, polarization, 0.3)
     return figure
@@ -188,31 +194,34 @@ def patch_figure(examples: Examples) -> Figure:
         for band in BANDS[1:]:
             channels[f"{polarization} {band}"] = _at(examples, polarization, band)
     widths = [len(examples[f"patches_{name}"]) for name in names]
-    figure, axes = subplots(9, 6.6, 1, 4, width_ratios=widths)
+    figure, axes = subplots(9, 6.8, 1, 4, width_ratios=widths)
+    # One scale: that HV is weak, and that a false alarm is, is what the figure shows.
+    top = max(1.0, *(decibels(examples[f"patches_{name}"]).max() for name in names))
+    shades = mpl.colormaps["gray"].with_extremes(bad="#3b6ea5")
     for axis, letter, name in zip(axes, "abcd", names, strict=True):
         patches = examples[f"patches_{name}"]
         rows = [_patch_row(patches, channel) for channel in channels.values()]
-        axis.imshow(np.vstack(rows), cmap="gray", vmin=0, vmax=1, aspect="equal")
+        axis.imshow(np.vstack(rows), cmap=shades, vmin=0, vmax=top, aspect="equal")
         size = rows[0].shape[0]
         row_middles = (np.arange(len(rows)) + 0.5) * size
         column_middles = (np.arange(len(patches)) + 0.5) * size
         distances = [f"{distance:.0f}" for distance in examples[f"distances_{name}"]]
         axis.set_yticks(row_middles, list(channels), fontsize=7)
         axis.set_xticks(column_middles, distances, fontsize=7)
-        axis.set_title(f"({letter}) {titles[name]}", fontsize=8)
+        axis.set_title("\n".join(wrap(f"({letter}) {titles[name]}", 14)), fontsize=7)
         axis.set_xlabel("distance (m)", fontsize=8)
-    _colour_bar(figure, axes, "magnitude over the row's largest")
+    _colour_bar(figure, axes, "dB over the background")
     return figure
 
 
 def _patch_row(patches: NDArray[Any], channel: tuple[int, int]) -> NDArray[Any]:
-    """Return the framed patches of a channel side by side, over their largest magnitude."""
+    """Return the framed patches of a channel side by side, dB; NaN beyond the image's border."""
     framed = []
     for patch in patches:
         # As in the scan images, far is up.
-        framed.append(np.pad(np.nan_to_num(patch[channel][::-1]), 1))
-    row = np.hstack(framed)
-    return np.asarray(row / np.nanmax(row))
+        values = np.where(np.isnan(patch[channel]), np.nan, decibels(patch[channel]))
+        framed.append(np.pad(values[::-1], 1))
+    return np.hstack(framed)
 
 
 def region_figure(recipe: Recipe) -> Figure:

@@ -81,6 +81,7 @@ class Tables(NamedTuple):
 
     pool: Pool  #: alarms of the calibration lanes
     channels: Channels  #: alarms of the prescreener on the calibration lanes
+    first_run: Channels  #: the same on the first of them
     by_band: dict[str, pd.DataFrame]  #: Table I of every sub-band
     searches: dict[str, list[SearchStep]]  #: Table II
     sets: dict[str, list[SearchStep]]  #: Tables III and IV ("all")
@@ -109,22 +110,29 @@ def all_findings(
         What they are judged by.
     """
     pool = Pool(calibration)
-    tables = Tables(
-        pool=pool,
-        channels={
-            (polarization, band): prescreened(calibration, polarization, band, recipe)
+    channels, first_run = [
+        {
+            (polarization, band): prescreened(lanes, polarization, band, recipe)
             for polarization in POLARIZATIONS
             for band in BANDS
-        },
+        }
+        for lanes in (calibration, calibration[:1])
+    ]
+    tables = Tables(
+        pool=pool,
+        channels=channels,
+        first_run=first_run,
         by_band={band: table_one(pool, band) for band in BANDS},
         searches=table_two(pool),
         sets={band: pool.search([f"{f}_{band}" for f in FEATURES], "A", 3) for band in SUBBANDS}
         | {"all": pool.search(all_forty(), "A", 5)},
         blind=blind_scores(calibration, blind) if blind else {},
     )
-    full_range = prescreened(calibration, "HH", "wide", recipe)
+    views = {
+        name: prescreened(calibration, "HH", name, recipe) for name in ("wide", "largest", "mean")
+    }
     findings = [
-        *_prescreener_findings(tables.channels, full_range, clutter_levels(calibration), draws),
+        *_prescreener_findings(tables.channels, views, clutter_levels(calibration), draws),
         *_feature_findings(pool, tables.by_band["F1"], tables.searches, draws),
         *_band_findings(tables, draws),
         *_curve_findings(tables, draws),
@@ -164,7 +172,7 @@ def blind_scores(
 
 
 def _prescreener_findings(
-    channels: Channels, full_range: Match, levels: pd.DataFrame, draws: int
+    channels: Channels, views: Mapping[str, Match], levels: pd.DataFrame, draws: int
 ) -> list[Finding]:
     """Judge what the paper says of the prescreener's channel (Sec. II-C, Fig. 8 and 9)."""
     best = channels["HH", "F1"]
@@ -187,7 +195,7 @@ def _prescreener_findings(
         }
         orders.append(_STATEMENTS.larger("order", steps, polarization=name))
     wide = pd_mean_gap(best, channels["HH", "F0"], draws)
-    far = pd_mean_gap(best, full_range, draws)
+    far, largest, mean = (pd_mean_gap(best, view, draws) for view in views.values())
     return [
         _STATEMENTS.larger("subband", subbands),
         _STATEMENTS.larger("polarization", polarizations),
@@ -196,6 +204,8 @@ def _prescreener_findings(
         _STATEMENTS.number("all-found", **beside_papers_pd(best, MINES, 0.15, 1.0, _PAPER_MINES)),
         _STATEMENTS.larger("narrow", {"F1 - F0": wide}),
         _STATEMENTS.larger("range", {"16 m - 26 m": far}),
+        _STATEMENTS.larger("second-largest", {"second largest - largest": largest}),
+        _STATEMENTS.number("mean-look", mean),
     ]
 
 

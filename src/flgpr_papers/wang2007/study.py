@@ -6,14 +6,15 @@ paper's statements by all lanes (:mod:`flgpr_papers.wang2007.findings`).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from flgpr.clutter import Background
 from flgpr.imaging import ScanImager
@@ -25,7 +26,7 @@ from flgpr.recipe.schema import parse_recipe
 from flgpr.results.description import describe_run
 from flgpr.results.errors import ResultError
 from flgpr.results.result import read_result, write_result
-from flgpr.screen import RunViewSums, view_array
+from flgpr.screen import MeanViewSums, RunViewSums, view_array
 from flgpr.simulate import Scene
 from flgpr.store import open_run, read_manifest, sha256
 from flgpr_papers.kit.cache import read_arrays, store_lane, write_arrays
@@ -49,6 +50,8 @@ from flgpr_papers.wang2007.lanes import (
 from flgpr_papers.wang2007.page import Measured, page_facts, page_tables
 
 _BAND_DRAWS = 200
+VIEWS = ("wide", "largest", "mean")
+"""Other run-views of the prescreener's channel that are computed beside that of the recipe."""
 
 
 def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
@@ -114,7 +117,7 @@ def drawings(measured: Measured) -> dict[str, Callable[[], Figure]]:
         partial(figures.run_view_figure, first_lane, False),
         partial(figures.run_view_figure, first_lane, True),
         partial(figures.clean_bands_figure, examples),
-        partial(figures.prescreener_figure, tables.channels),
+        partial(figures.prescreener_figure, tables.channels, tables.first_run),
         partial(figures.patch_figure, examples),
         partial(figures.region_figure, measured.recipe),
         partial(figures.normalisation_figure, measured.calibration),
@@ -214,7 +217,7 @@ def lane_result(
     examples : bool
         Whether the images of single targets are saved, for the figures.
     wide : bool
-        Whether there is a run-view over the full range of the images, too.
+        Whether there are other run-views of the prescreener's channel, too.
     suffix : str
         Added to the name of the result, where another recipe runs on the same lane.
     """
@@ -223,10 +226,10 @@ def lane_result(
     store, truth, lane = store_lane(folder / "lanes", scene, seed, radar, track)
     results = folder / "results"
     result_folder = results / f"{scene.name}{suffix}"
-    wide_file = results / f"{scene.name}-wide.bundle"
+    views_file = results / f"{scene.name}-views.bundle"
     examples_file = results / "examples.bundle"
     is_complete = _is_done(result_folder, store, text)
-    is_complete &= (wide_file.is_file() or not wide) and (examples_file.is_file() or not examples)
+    is_complete &= (views_file.is_file() or not wide) and (examples_file.is_file() or not examples)
     if not is_complete:
         results.mkdir(parents=True, exist_ok=True)
         imaged = ImagedRun(open_run(store), recipe, lane, explains=False, whole_background=True)
@@ -235,21 +238,31 @@ def lane_result(
         if examples:
             save_examples(examples_file, imaged, truth, detection.alarms)
         if wide:
-            view = wide_view(imaged, track)
-            write_arrays(wide_file, {"view": view.values, "looks": view["looks"].values})
+            write_arrays(views_file, other_views(imaged, track))
         write_result(result_folder, [detection], text, lane, describe_run(imaged.run, store))
-    full_range_view = None
+    views = {}
     if wide:
-        arrays = read_arrays(wide_file)
+        arrays = read_arrays(views_file)
         grid = recipe.run_view.grid(lane)
-        full_range_view = view_array(arrays["view"], arrays["looks"], grid, {})
+        for name in VIEWS:
+            views[name] = view_array(arrays[name], arrays[f"{name} looks"], grid, {})
     main = read_result(result_folder).detections[0]
     features = pd.DataFrame() if main.features is None else main.features
-    return LaneResult(scene.name, lane, truth, main.alarms, features, main.view, full_range_view)
+    return LaneResult(scene.name, lane, truth, main.alarms, features, main.view, views)
 
 
-def wide_view(imaged: ImagedRun, track: Track) -> xr.DataArray:
-    """Compute the run-view of the prescreener's channel over the full range of the images.
+class LargestViewSums(RunViewSums):
+    """Find the largest magnitude at every pixel of the lane."""
+
+    def _view(self, sums: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+        return sums["first"]
+
+
+def other_views(imaged: ImagedRun, track: Track) -> dict[str, NDArray[Any]]:
+    """Compute other run-views of the prescreener's channel, by the names ``VIEWS``.
+
+    "wide" is over the full range of the images; "largest" and "mean" take the largest or the mean of
+    the looks in place of the second largest.
 
     Parameters
     ----------
@@ -260,8 +273,8 @@ def wide_view(imaged: ImagedRun, track: Track) -> xr.DataArray:
 
     Returns
     -------
-    DataArray
-        Magnitude (y, x) in the lane frame.
+    dict
+        Magnitude (y, x) in the lane frame by name, and with " looks" behind it the number of looks.
     """
     screen = imaged.recipe.prescreen
     table = imaged.recipe.image
@@ -276,11 +289,20 @@ def wide_view(imaged: ImagedRun, track: Track) -> xr.DataArray:
     chosen = imaged.run.isel(scan=imaged.imager.scans, polarization=[p])
     imager = ScanImager(chosen, table.grid(), band, table.window, table.tolerance)
     grid = imaged.recipe.run_view.grid(imaged.lane)
-    sums = RunViewSums(grid, table.y[1])
+    near = imaged.recipe.run_view.y_max
+    sums = {
+        "wide": RunViewSums(grid, table.y[1]),
+        "largest": LargestViewSums(grid, near),
+        "mean": MeanViewSums(grid, near),
+    }
     for image, gain in zip(track(imager, "full range", len(imager)), imaged.gains, strict=True):
         magnitude = background.magnitude(image.values, np.ascontiguousarray(gain[channel]))
-        sums.add(magnitude[0, 0], imager.grid, np.asarray(image.attrs["pose"]))
-    return view_array(*sums.result(), grid, {})
+        for of_view in sums.values():
+            of_view.add(magnitude[0, 0], imager.grid, np.asarray(image.attrs["pose"]))
+    arrays: dict[str, NDArray[Any]] = {}
+    for name, of_view in sums.items():
+        arrays[name], arrays[f"{name} looks"] = of_view.result()
+    return arrays
 
 
 def _background_of(background: Background, channel: tuple[slice, slice]) -> Background:
