@@ -137,8 +137,7 @@ def score(
     Scored, BlindScore, SideBySide, pathlib.Path, dict or None
         For a result or a list its scores and the folder of the report; for a sealed truth what it
         lets be known, or None where this score exists already. Earlier spellings return what
-        :func:`flgpr.commands.compare.compare`, :func:`flgpr.trials.seal` and
-        :func:`flgpr.commands.agree.agree` do.
+        ``flgpr.compare``, ``flgpr.trials.seal`` and ``flgpr.agree`` do.
 
     Raises
     ------

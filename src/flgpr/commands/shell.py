@@ -120,7 +120,9 @@ def command(**fields: Any) -> Callable[[F], F]:
         described = Command(function, **fields)
         parameters = described.parameters
         function.__dict__["command"] = described
-        function.__doc__ = python_documentation(function.__doc__ or "", parameters)
+        function.__doc__ = python_documentation(
+            function.__doc__ or "", parameters, described.panels
+        )
         function.__dict__["__signature__"] = python_signature(function, parameters)
         return function
 

@@ -25,6 +25,8 @@ from xarray.core import indexing
 from flgpr.door import MOST_CHECKED, MOST_JSON, DoorError, Folder, Listed
 from flgpr.json_text import canonical_json, parse_json, sha256
 from flgpr.model import AXES, POSE_COMPONENTS, check_run
+from flgpr.model.constants import VARIABLE_ATTRS
+from flgpr.model.run import described
 from flgpr.store.store_layout import DIMS, MAX_MEMORY, ArrayLayout, check_declared
 from flgpr.types import AnyArray
 
@@ -191,7 +193,8 @@ def _decode(files: CommittedFiles, max_memory: int) -> xr.Dataset:
         "component": ("component", list(POSE_COMPONENTS)),
     }
     variables = {name: arrays[name] for name in _VARIABLES}
-    return check_run(xr.Dataset(variables, coords, dict(attrs["attrs"])))
+    run = xr.Dataset(variables, coords, dict(attrs["attrs"]))
+    return described(check_run(run), VARIABLE_ATTRS)
 
 
 def _lazy(stored: _StoredArray) -> Any:
