@@ -327,7 +327,7 @@ def _admitted(
     if registered is None:
         if bound is not None:
             raise ValueError(
-                f"{sealed} was sealed with a register: it is scored with --recipe and --book only"
+                f"{sealed} was sealed with a register: it is scored with `recipe` and `book` only"
             )
         return None
     register, _ = register_paths(registered.register)

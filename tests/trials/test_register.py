@@ -103,7 +103,7 @@ def test_a_planned_truth_asks_for_recipe_and_register_by_itself(trial, book, sea
     with pytest.raises(ValueError, match="got no recipe for"):
         openly(trial, recipe=None)
     with pytest.raises(
-        ValueError, match="sealed with a register: it is scored with --recipe and --book"
+        ValueError, match="sealed with a register: it is scored with `recipe` and `book`"
     ):
         score_sealed(trial / "a.csv", sealed, PHRASE)
     with pytest.raises(ValueError, match="given together, got no book"):

@@ -58,7 +58,7 @@ def _as_json(returned: SideBySide | None, call: Arguments) -> Any:
 
 def _passphrase(_: Arguments) -> dict[str, Any]:
     """Return the function that asks for the passphrase of a sealed truth."""
-    return {"passphrase": lambda: needed_trials("--sealed").ask_passphrase()}
+    return {"passphrase": lambda: needed_trials("`sealed`").ask_passphrase()}
 
 
 @command(lines=_lines, as_json=_as_json, python_values=_passphrase, panels=PANELS)
@@ -119,10 +119,10 @@ def compare(
             "halo": halo,
             "far": far,
             "columns": columns,
-            "truth-columns": truth_columns,
+            "truth_columns": truth_columns,
             "anchor": anchor,
         }
-        refuse(of_open_truth, "--sealed compares by the rules that the truth was sealed with")
+        refuse(of_open_truth, "`sealed` compares by the rules that the truth was sealed with")
     require_lists(lists)
 
     folder = Path(output or "score")
@@ -141,6 +141,6 @@ def compare(
             overwrite=overwrite,
         )
         if sealed is not None:
-            compared: SideBySide | None = needed_trials("--sealed").score_sealed(request)
+            compared: SideBySide | None = needed_trials("`sealed`").score_sealed(request)
             return compared
         return compare_lists(request)

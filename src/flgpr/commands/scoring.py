@@ -130,7 +130,7 @@ def score_one(request: ScoreRequest, track: Track = silent) -> Scored:
     reading = request.reading
     if reading is not None and (reading.columns or reading.unranked):
         name = "columns are" if reading.columns else "unranked is"
-        raise ValueError(f"{name} of alarm lists: a result's list has its own; see --truth-columns")
+        raise ValueError(f"{name} of alarm lists: a result's list has its own; see truth_columns")
     folder = path.parent if path.name == "alarms.csv" else path
     return score_result(dataclasses.replace(request, lists=[folder]), track)
 
@@ -160,7 +160,7 @@ def score_list(request: ScoreRequest) -> Scored:
     """
     if request.lane is None:
         raise ValueError(
-            "an alarm list needs --lane (x_min, x_max, y_min, y_max), "
+            "an alarm list needs `lane` (x_min, x_max, y_min, y_max), "
             f"got {request.lists[0]} without it"
         )
     refuse_links(request.output)
@@ -456,7 +456,7 @@ def _common_lanes_and_rules(
         [lanes] = result_lanes
     else:
         raise ValueError(
-            "alarm lists need --lane to be compared, and results one and the same; "
+            "alarm lists need `lane` to be compared, and results one and the same; "
             f"got {len(result_lanes)} lanes"
         )
 

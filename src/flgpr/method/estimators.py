@@ -122,7 +122,7 @@ class TrainedEstimator:
             raise ValueError(
                 f"its detector {str(name)[:60]!r} was written by an earlier version of flgpr, in a "
                 "form that is no "
-                "longer read: train it again with `flgpr train`"
+                "longer read: train it again with `flgpr.train`"
             )
         check_entries(about, ("estimator", "layout", "features", "unlike", "settings"))
         features = checked_names(about["features"])

@@ -76,8 +76,8 @@ def unlearnt(recipe: Recipe, model: Model, training: bool = False) -> list[str]:
     if names and not training:
         raise ValueError(
             f"recipe {recipe.name!r} learns ({', '.join(recipe.learning())}) and needs a model: "
-            f"make one with `flgpr train RUN --truth TRUTH --recipe {recipe.name} -o MODEL` "
-            "and give it with --model"
+            f"make one with `flgpr.train` on runs with truth, "
+            "and give it as `model`"
         )
     return names
 

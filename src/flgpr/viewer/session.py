@@ -104,7 +104,7 @@ class ResultFiles:
         try:
             return view_score_body(data, self.identity)
         except ValueError as error:
-            raise ViewError(f"{VIEW_SCORE} {error}; run flgpr score again") from None
+            raise ViewError(f"{VIEW_SCORE} {error}; run `flgpr.score` again") from None
 
     def _score_folder(self) -> Folder:
         """Return the folder of the score.
@@ -405,7 +405,7 @@ def _score_of(source: ViewSource) -> ScoreFiles:
     if path is None:
         raise ViewError(
             f"{source.folder}: shown together with a score it must be scored, too: "
-            "flgpr score RESULT --truth TRUTH"
+            "`flgpr.score` does it"
         )
     return ScoreFiles(path)
 
