@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from every_command import COMMANDS, make_inputs
 import flgpr
+from every_command import COMMANDS, make_inputs
 from flgpr.commands.app import app
 
 SOURCE = Path(__file__).parents[2] / "src"
