@@ -88,7 +88,13 @@ class Show(StrEnum):
 
 def path_of_list(alarms: Any) -> Path:
     """Return the folder of a result, or the path of a file or folder."""
-    return Path(alarms) if isinstance(alarms, str | Path) else Path(alarms.folder)
+    if isinstance(alarms, str | Path):
+        return Path(alarms)
+    if not hasattr(alarms, "folder"):
+        raise ValueError(
+            f"alarms must be a result, or a file or folder of one, got a {type(alarms).__name__}"
+        )
+    return Path(alarms.folder)
 
 
 @contextmanager

@@ -16,7 +16,12 @@ from typing import Any
 import pandas as pd
 
 from flgpr.commands.entrants import Entrant, entrant_names, find_entrants
-from flgpr.commands.reach import refuse_elsewhere, targets_in_reach, tell_doubts
+from flgpr.commands.reach import (
+    refuse_elsewhere,
+    targets_in_reach,
+    tell_doubts,
+    tell_ranking_doubts,
+)
 from flgpr.commands.score_options import refuse
 from flgpr.commands.score_output import must_write, with_last, write_score_files
 from flgpr.commands.score_request import ScoreRequest
@@ -176,6 +181,9 @@ def score_list(request: ScoreRequest) -> Scored:
         far_max = max(lists.rules.far_max, only_far)  # the figures reach the only point
         rules = dataclasses.replace(lists.rules, far=only_far, far_max=far_max)
         scored = score(table, truth.targets, lanes, rules)
+    reached = float(scored.curve["far"].max())
+    name = request.lists[0].name
+    tell_ranking_doubts(scored.matched, request.rules.get("far"), reached, name)
 
     files = score_files([scored], truth.notes[0], title="Detection report")
     write_score_files(request.output, files, request.overwrite)

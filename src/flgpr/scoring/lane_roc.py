@@ -186,7 +186,8 @@ def far_area(matched: Match, area: AreaRule, frame_area: float | None = None) ->
     if not total > 1e-9 * lanes:
         raise ValueError(
             f"area must be positive, got {total:g} m² by the rule {area!r}: "
-            f"{len(matched.truth)} halos of radius {matched.halo:g} m in {lanes:g} m² of lane"
+            f"{len(matched.truth)} halos of radius {matched.halo:g} m in {lanes:g} m² of lane; "
+            "is the halo in metres?"
         )
     return total
 

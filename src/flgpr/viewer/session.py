@@ -28,7 +28,7 @@ from flgpr.store import (
     verdict_bytes,
     write_whole,
 )
-from flgpr.store.files import read_with_digest
+from flgpr.store.files import read_with_digest, taken_for
 from flgpr.store.view_format import (
     VIEW_FORMAT,
     VIEW_SCORE,
@@ -454,4 +454,5 @@ def open_source(path: str | Path, score: str | Path | None = None) -> ViewSource
             f"path must be one of the sections of this lane ({names}), "
             f"got the folder of all, {path}"
         )
-    raise ViewError(f"path must be a result folder, a run, a recording or a score, got {path}")
+    wanted = "path must be a result folder, a run, a recording or a score"
+    raise ViewError(f"{wanted}, got {path}{taken_for(path)}")
