@@ -122,7 +122,7 @@ def _other_axes(targets: pd.DataFrame, lanes: LaneLike, halo: float) -> str:
         "x and y swapped": targets.rename(columns={"x": "y", "y": "x"}),
         "the other sign of x": targets.assign(x=-targets["x"]),
         "the other sign of y": targets.assign(y=-targets["y"]),
-        **{unit: _scaled(targets, UNITS["length"][unit]) for unit in ("ft", "cm", "km")},
+        **{unit: _scaled(targets, UNITS["length"][unit]) for unit in ("ft", "cm")},
     }
     counts = {}
     for trial, changed in trials.items():
@@ -130,7 +130,7 @@ def _other_axes(targets: pd.DataFrame, lanes: LaneLike, halo: float) -> str:
     best = max(counts, key=lambda trial: counts[trial])
     if 2 * counts[best] > len(targets):
         told = f"they are in {best}" if best in UNITS["length"] else f"it is with {best}"
-        return f"{counts[best]} would be in reach if {told}"
+        return f"{counts[best]} would be in reach if {told}; else, are they of another lane?"
     return (
         "none of the other axes and units tried brings them there: are they of another lane, or "
         "in another frame (longitude and latitude, or a map's, need an `anchor`)?"
