@@ -1,6 +1,5 @@
 """How the documentation is built: Sphinx, MyST and sphinx-gallery, without network at build or view time."""
 
-import inspect
 import sys
 from pathlib import Path
 
@@ -9,7 +8,6 @@ sys.path.insert(0, str(Path(__file__).parent))
 import matplotlib as mpl
 
 import flgpr
-from flgpr.lazy import Verb
 
 mpl.use("Agg")
 
@@ -94,13 +92,6 @@ _INHERITED = {
 }
 
 
-def _text_of_package(_, what, name, package, options, lines):
-    """Show the text of a package alone where it can be called: its function has its own entry."""
-    if what == "module" and isinstance(package, Verb):
-        lines[:] = inspect.cleandoc(vars(package)["__doc__"] or "").splitlines()
-
-
 def setup(app):
     """Leave out what scikit-learn and pydantic put into every class."""
     app.connect("autodoc-skip-member", lambda *event: True if event[2] in _INHERITED else None)
-    app.connect("autodoc-process-docstring", _text_of_package, priority=600)  # after numpydoc

@@ -49,3 +49,15 @@ def test_a_callable_package_shows_its_function():
     assert isinstance(flgpr.simulate, Verb)
     assert inspect.signature(flgpr.simulate) == inspect.signature(flgpr.simulate.simulate)
     assert "flgpr.simulate(" in flgpr.simulate.__doc__
+
+
+def test_a_callable_package_is_the_package_to_all_who_ask_it(monkeypatch):
+    from flgpr.simulate import effort
+
+    package = sys.modules["flgpr.simulate"]
+    assert flgpr.simulate.effort is package.effort is effort
+    assert "Scene" in dir(flgpr.simulate)
+    monkeypatch.setattr("flgpr.simulate.something", 1, raising=False)
+    assert package.something == flgpr.simulate.something == 1
+    monkeypatch.delattr("flgpr.simulate.something")
+    assert not hasattr(package, "something")

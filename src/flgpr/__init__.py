@@ -7,8 +7,7 @@ from typing import Any
 from flgpr.lazy import Verbs, face
 
 _load, __dir__, __all__ = face(__name__, __file__)
-# These two names are packages as well: they are loaded as such, and called they do what they are
-# named for.
+# These two names are packages as well; called they do what they are named for.
 __verbs__ = {
     "detect": ("flgpr.commands.detect", "detect"),
     "simulate": ("flgpr.simulate", "simulate"),
@@ -22,5 +21,6 @@ def __getattr__(name: str) -> Any:
     if name == "__version__":
         return import_module("importlib.metadata").version("flgpr")
     if name in __verbs__:
-        return import_module(f"flgpr.{name}")
+        package = import_module(f"flgpr.{name}")
+        return vars(sys.modules[__name__]).get(name, package)  # there is no verb until it is loaded
     return _load(name)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import ast
 import inspect
 import sys
+import textwrap
 from collections.abc import Callable
 from functools import cache
 from importlib import import_module
@@ -60,44 +61,58 @@ def _has_package(name: str) -> bool:
     return name in sys.modules or find_spec(name) is not None
 
 
-class Verb(ModuleType):
+class Verb:
     """A package that can be called: ``flgpr.detect`` runs a detection.
 
-    It shows the signature and the documentation of its function, which is loaded for that. What the
-    package is for stands behind it.
+    It stands where the package would, and what is asked of it is the package's own. It is no module
+    itself, because ``help`` of a module lists all that is in it: of this it shows the function.
     """
+
+    def __init__(self, package: ModuleType, function: tuple[str, str]) -> None:
+        vars(self).update(package=package, function=function)
 
     def __call__(self, *arguments: Any, **options: Any) -> Any:
         """Call the function."""
-        return self._function()(*arguments, **options)
+        return self._load()(*arguments, **options)
 
-    def _function(self) -> Callable[..., Any]:
+    def _load(self) -> Callable[..., Any]:
         """Load and return the function."""
-        module, name = self.__dict__["__verb__"]
+        module, name = vars(self)["function"]
         function: Callable[..., Any] = getattr(import_module(module), name)
         return function
 
+    def __getattr__(self, name: str) -> Any:
+        return getattr(vars(self)["package"], name)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        setattr(vars(self)["package"], name, value)
+
+    def __delattr__(self, name: str) -> None:
+        delattr(vars(self)["package"], name)
+
+    def __dir__(self) -> list[str]:
+        return dir(vars(self)["package"])
+
+    def __repr__(self) -> str:
+        return f"<verb and package {self.__name__}>"
+
     @property
     def __signature__(self) -> inspect.Signature:
-        return inspect.signature(self._function())
+        return inspect.signature(self._load())
 
     @property
     def __doc__(self) -> str:  # type: ignore[override]
-        package_text = inspect.cleandoc(self.__dict__.get("__doc__") or "")
-        called = f"{self.__name__}{self.__signature__}"
-        documentation = inspect.getdoc(self._function()) or ""
-        summary, _, rest = documentation.partition("\n")
-        package = f"Notes\n-----\nAs a package: {package_text}"
-        return f"{summary}\n\n``{called}``\n{rest}\n\n{package}\n"
+        called = textwrap.fill(f"{self.__name__}{self.__signature__}", 90, subsequent_indent="    ")
+        summary, _, rest = (inspect.getdoc(self._load()) or "").partition("\n")
+        return f"{summary}\n\n{called}\n{rest}\n"
 
 
 class Verbs(ModuleType):
     """A package with callable packages; ``__verbs__`` names their functions."""
 
     def __setattr__(self, name: str, value: Any) -> None:
-        verb = self.__dict__["__verbs__"].get(name)
+        function = self.__dict__["__verbs__"].get(name)
         # The import system sets here a package that it has loaded.
-        if verb is not None and type(value) is ModuleType:
-            value.__class__ = Verb
-            value.__verb__ = verb  # type: ignore[attr-defined]
+        if function is not None and type(value) is ModuleType:
+            value = Verb(value, function)
         super().__setattr__(name, value)

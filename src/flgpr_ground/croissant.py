@@ -20,9 +20,10 @@ from typing import Any
 import flgpr
 from flgpr.door import MOST_CHECKED, Folder
 from flgpr.json_text import parse_json
+from flgpr.model.constants import VARIABLE_ATTRS
 from flgpr.model.tables import TRUTH_COLUMNS
 from flgpr.store.outputs import write_new
-from flgpr.store.store_layout import DIMS, VARIABLE_ATTRS
+from flgpr.store.store_layout import DIMS
 from flgpr_ground.citing import (
     CREATOR,
     PUBLISHED,

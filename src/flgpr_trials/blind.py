@@ -327,7 +327,7 @@ def _admitted(
     if registered is None:
         if bound is not None:
             raise ValueError(
-                f"{sealed} was sealed with a register: give it by --book, and by --recipe what fixes "
+                f"{sealed} was sealed with a register: give it by `book`, and by `recipe` what fixes "
                 "the detector"
             )
         return None

@@ -73,7 +73,7 @@ def test_what_are_no_verdicts_is_refused_in_a_line(analysts, tmp_path):
         "notes must name every alarm once": [analysts[0], twice],
         "verdict must be mine, unsure, clutter or empty, got 'bush'": [analysts[0], wrong],
         "must have x and y in metres": [analysts[0], nan],
-        "not verdicts of flgpr view": [analysts[0], tmp_path / "cut.json"],
+        "not verdicts of `flgpr view`": [analysts[0], tmp_path / "cut.json"],
         "verdicts not found": [analysts[0], tmp_path / "none.json"],
         "two analysts or more, got 1": [analysts[0]],
         "got --truth": [*analysts, "--truth", "t.csv"],

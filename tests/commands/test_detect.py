@@ -26,8 +26,23 @@ def test_a_run_in_memory_and_its_store_give_the_same_alarms_and_leave_nothing():
     assert not folder.exists()
 
 
+@pytest.mark.slow("detects")
+def test_a_list_of_one_run_is_a_survey_and_a_result_has_verbs(tmp_path):
+    survey = flgpr.detect([RUN], "demo", tmp_path / "survey", report=False)
+    assert len(survey) == 1
+    result = survey[0]
+    axes = result.plot()
+    assert len(axes.lines[0].get_xdata()) == len(result.alarms)
+    assert result.plot(axes) is axes
+    scored = result.score(RUN.parent / "truth.csv", output=tmp_path / "score")
+    assert scored.folder == tmp_path / "score"
+    shown = result.view()
+    assert shown.url.startswith("http://127.0.0.1:")
+    shown.close()
+
+
 def test_several_runs_need_a_place_and_stores(tmp_path):
-    with pytest.raises(ValueError, match="output must be given for several runs"):
+    with pytest.raises(ValueError, match="output must be given for a list of runs"):
         flgpr.detect([RUN, RUN], "demo")
     with pytest.raises(ValueError, match="must be stored, got one in memory"):
         flgpr.detect([RUN, open_run(RUN)], "demo", tmp_path / "out")
@@ -45,5 +60,5 @@ def test_the_package_shows_the_signature_of_its_verb():
     assert "Packaged recipe or TOML file" in flgpr.detect.__doc__
     documentation = flgpr.detect.__doc__
     assert documentation.startswith("Raise alarms on runs")
-    assert "``flgpr.detect(runs: " in documentation
-    assert documentation.index("Returns\n---") < documentation.index("From features to scores")
+    assert "flgpr.detect(runs, recipe=None" in documentation
+    assert "workers, scheduler, lanes_at_once, max_memory, section : Work" in documentation

@@ -25,7 +25,7 @@ def recording(tmp_path):
         ({"channel": 1}, "channel, until or step-window: these are for recordings"),
         ({"until": 20.0}, "channel, until or step-window: these are for recordings"),
         ({"scan": 1, "scans": (0, 2)}, "give scan or scans, got both"),
-        ({"x": (-1.0, 1.0), "at_x": 0.0}, "x must be given once, got limits and --at-x"),
+        ({"x": (-1.0, 1.0), "at_x": 0.0}, "x must be given once, got limits and at_x"),
     ],
 )
 def test_options_that_do_not_fit_a_run_are_refused(options, rule, tmp_path):

@@ -146,5 +146,5 @@ def test_tables_lie_beside_the_run_and_are_not_written_again(small_run, tmp_path
      ("axes", "x,-z,y"), ("body", "cart")],
 )  # fmt: skip
 def test_options_of_a_track_are_not_dropped_without_one(name, value, tmp_path):
-    with pytest.raises(ValueError, match=f"{name.replace('_', '-')}: these are of --track"):
+    with pytest.raises(ValueError, match=f"{name}: these are of `track`"):
         import_mapped(tmp_path / "m.toml", tmp_path / "q.zarr", **{name: value})

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from flgpr.commands.messages import is_unchanged, plain_errors
+from flgpr.commands.messages import in_shell_words, is_unchanged, plain_errors
 from flgpr.store.notes import log_note
 from flgpr.store.outputs import log_finished
 
@@ -69,3 +69,15 @@ def test_loggers_are_left_as_they_were(caplog):
     with pytest.raises(typer.Exit), plain_errors():
         raise OSError("no disk")
     assert [(logger.level, list(logger.handlers)) for logger in loggers] == before
+
+
+def test_parameters_and_verbs_of_python_are_options_and_commands_in_the_shell():
+    names = {"lane": "--lane", "others": "--with", "max_memory": "--max-memory"}
+    text = (
+        "max_memory of a lane: give `lane`, `others` NAME=RUN or `model`; train with `flgpr.train`"
+    )
+    told = (
+        "--max-memory of a lane: give --lane, --with NAME=RUN or `model`; train with `flgpr train`"
+    )
+    assert in_shell_words(text, names) == told
+    assert in_shell_words(text, None).startswith("max_memory of a lane: give `lane`")

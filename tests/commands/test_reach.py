@@ -4,8 +4,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from flgpr.commands.reach import targets_in_reach
+from flgpr.commands.reach import targets_in_reach, tell_ranking_doubts
 from flgpr.model import Lane
+from flgpr.scoring.matching import match
 
 LANE = Lane(-1.5, 1.5, 0.0, 20.0)
 
@@ -37,8 +38,8 @@ def test_targets_out_of_reach_are_told_apart(caplog):
 @pytest.mark.parametrize(
     ("table", "hint"),
     [
-        (targets([0.0] * 4).assign(x=[2.7, 8.0, 12.0, 15.0]), "x and y swapped?"),
-        (targets([-4.0, -9.0, -17.0]), "the other sign of y?"),
+        (targets([0.0] * 4).assign(x=[2.7, 8.0, 12.0, 15.0]), "if it is with x and y swapped"),
+        (targets([-4.0, -9.0, -17.0]), "if it is with the other sign of y"),
         (targets([400.0, 410.0, 5.0]), "another lane?"),
     ],
 )
@@ -47,7 +48,7 @@ def test_a_truth_that_lies_elsewhere_is_refused_with_what_would_fit(table, hint)
         ValueError, match=r"truth must lie in the ground that was searched"
     ) as error:
         targets_in_reach(table, LANE, 1.0, "truth.csv")
-    assert str(error.value).endswith(hint)
+    assert hint in str(error.value)
     assert "x -1.5 to 1.5 m, y 0 to 20 m" in str(error.value)
 
 
@@ -57,3 +58,25 @@ def test_a_target_counts_in_its_own_lane():
     kept, notes = targets_in_reach(table, lanes, 1.0, "truth.csv")
     assert kept["target_id"].tolist() == ["T0", "T1"]
     assert notes == {"targets_outside": ["T2"]}
+
+
+def ranked(confidence_of_hits):
+    """Match three alarms at targets and twenty elsewhere, whose confidences are 0 to 19."""
+    truth = targets([2.0, 8.0, 14.0])
+    away = pd.DataFrame({"x": 1.4, "y": 18 + 0.05 * np.arange(20.0), "confidence": np.arange(20.0)})
+    hits = truth[["x", "y"]].assign(confidence=confidence_of_hits)
+    return match(pd.concat([hits, away], ignore_index=True), truth, LANE, 0.5)
+
+
+@pytest.mark.parametrize(("confidence", "is_told"), [(-1.0, True), (7.5, False), (30.0, False)])
+def test_confidences_that_fall_at_targets_are_told(confidence, is_told, caplog):
+    with caplog.at_level("INFO", "flgpr.notes"):
+        tell_ranking_doubts(ranked(confidence), None, 1.0, "a.csv")
+    assert ("is the order reversed?" in caplog.text) == is_told
+
+
+@pytest.mark.parametrize(("far", "is_told"), [(None, False), (0.5, False), (2.0, True)])
+def test_a_rate_beyond_the_list_is_told(far, is_told, caplog):
+    with caplog.at_level("INFO", "flgpr.notes"):
+        tell_ranking_doubts(ranked(30.0), far, 1.0, "a.csv")
+    assert ("beyond the 1 per m²" in caplog.text) == is_told

@@ -89,7 +89,7 @@ def test_the_truth_stays_closed_until_the_recipe_is_registered(scoring_files):
     register(book, recipe=content_hash("another"))
     with pytest.raises(ValueError, match="what fixes the detector must be registered"):
         score_alarms(*arguments, recipe=scoring_files / "recipe.toml", register=book)
-    with pytest.raises(ValueError, match=r"--recipe needs a register: .* give it by --book"):
+    with pytest.raises(ValueError, match=r"`recipe` needs a register: .* give it by `book`"):
         score_alarms(*arguments, recipe=scoring_files / "recipe.toml")
     register(book, recipe=content_hash(scoring_files / "recipe.toml"))
     assert not (scoring_files / "score").exists()
@@ -135,7 +135,7 @@ def test_lists_are_compared_on_a_lane_that_is_given(scoring_files):
     other.write_text("x,y,confidence\n0,10,1\n")
     lists = [scoring_files / "alarms.csv", other]
     arguments = (lists, scoring_files / "truth.csv", scoring_files / "both")
-    with pytest.raises(ValueError, match=r"alarm lists need --lane to be compared, .* got 0 lanes"):
+    with pytest.raises(ValueError, match=r"alarm lists need `lane` to be compared, .* got 0 lanes"):
         compare_alarms(*arguments)
     assert not (scoring_files / "both").exists()
     compare_alarms(*arguments, lane=scoring_files / "lane.toml")
@@ -166,7 +166,7 @@ def test_without_the_package_of_trials_open_truths_alone_are_scored(scoring_file
     assert score_alarms(*arguments, draws=20)
     notes = json.loads((scoring_files / "score" / "roc.json").read_text())["notes"]
     assert list(notes) == ["alarms_sha256", "truth_sha256"]
-    with pytest.raises(ValueError, match="flgpr_trials is needed for --recipe and --book, and is"):
+    with pytest.raises(ValueError, match="flgpr_trials is needed for `recipe` and `book`, and is"):
         score_alarms(*arguments, recipe="demo", register=scoring_files / "book.jsonl")
     read_table(truth, "truth").assign(book="plan.jsonl").to_csv(truth, index=False)
     with pytest.raises(ValueError, match=r"needed for .*truth.csv, which names a register, and is"):

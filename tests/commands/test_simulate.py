@@ -40,7 +40,7 @@ def test_a_scene_is_drawn_or_simulated(tmp_path):
             "engine must be one of flgpr, gprmax, got 'rays'",
             marks=needs("flgpr_exchange"),
         ),
-        ({}, "simulate needs --output or --preview, got neither"),
+        ({}, "simulate needs `output` or `preview`, got neither"),
     ],
 )
 def test_options_that_do_not_go_together_are_refused(options, rule, tmp_path):

@@ -84,7 +84,7 @@ def test_lists_without_confidences_rank_equal_and_have_one_operating_point(scori
     gaps = scoring_files / "gaps.csv"
     gaps.write_text("x,y,confidence\n0.1,10.2,3\n-1,50,\n1,30,1\n")
     for path, rows in ((bare, "columns confidence"), (gaps, "got 1 of 3 rows")):
-        with pytest.raises(ValueError, match=f"{rows}.*flgpr score --unranked"):
+        with pytest.raises(ValueError, match=f"{rows}.*`unranked` takes"):
             score_alarms(path, *files, scoring_files / "refused")
 
     from flgpr.commands.positions import table_reading

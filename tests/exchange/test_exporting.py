@@ -169,7 +169,7 @@ def test_run_to_cphd_and_back(small_run, anchor, tmp_path):
 def test_alarms_for_imsma_need_a_place_and_a_time(result, anchor, tmp_path):
     target = tmp_path / "imsma.csv"
     time = "2026-05-04T09:30:00Z"
-    with pytest.raises(ValueError, match=r"imsma needs latitude and longitude.*give --anchor"):
+    with pytest.raises(ValueError, match=r"imsma needs latitude and longitude.*give `anchor`"):
         export(result, target, "imsma", time=time)
     with pytest.raises(ValueError, match="imsma needs the time of the survey"):
         export(result, target, "imsma", anchor)
@@ -196,7 +196,7 @@ def test_alarms_for_imsma_need_a_place_and_a_time(result, anchor, tmp_path):
 def test_a_list_of_another_kind_names_the_option(anchor, tmp_path):
     path = tmp_path / "a.csv"
     path.write_text("x,y,confidence\n0.1,1.0,0.9\n")
-    with pytest.raises(ValueError, match="it reads as alarms, give --kind alarms"):
+    with pytest.raises(ValueError, match="it reads as alarms, give `kind` alarms"):
         export(path, tmp_path / "a.geojson", "geojson", anchor)
     path.write_text("a,b\n1,2\n")
     with pytest.raises(ValueError, match="truth must have the columns") as told:

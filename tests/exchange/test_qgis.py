@@ -200,7 +200,7 @@ def test_what_is_wrong_is_told_and_nothing_is_written(demo, anchor, tmp_path):
         score.write_text(changed)
         with pytest.raises(ValueError, match=r"score\.json"):
             export(copy, tmp_path / "map.zip", "qgis", anchor)
-        with pytest.raises(ValueError, match=r"score\.json: .*; run flgpr score again"):
+        with pytest.raises(ValueError, match=r"score\.json: .*; run `flgpr.score` again"):
             export(demo[0].folder, tmp_path / "map.zip", "qgis", anchor, score=copy)
     assert not list(tmp_path.glob("*map.zip"))
 
@@ -227,7 +227,7 @@ def test_the_command_reads_the_truth_of_a_score_in_another_folder(demo, anchor, 
     assert ran.exit_code == 0, ran.output
     (tmp_path / "a.zip").unlink()
     score.write_text("{}")
-    for to, told in (("qgis", "run flgpr score again"), ("kml", "score goes with qgis")):
+    for to, told in (("qgis", "run `flgpr score` again"), ("kml", "score goes with qgis")):
         ran = run_export(to)
         assert ran.exit_code == 2
         assert told in ran.stderr

@@ -7,6 +7,7 @@ from importlib import import_module
 from types import ModuleType
 
 from flgpr import types
+from flgpr.lazy import Verb
 from flgpr.model import Sensor, bounds
 from flgpr.recipe.schema import Recipe, load_recipe, recipe_names
 from flgpr.simulate import Scene
@@ -54,11 +55,10 @@ def name_table() -> dict[str, dict]:
 
 def describe(value):
     """Describe what is called by its signature, a class by its members as well, or a value."""
+    if isinstance(value, Verb):
+        return "package" + signature(value)
     if isinstance(value, ModuleType):
-        called = value.__dict__.get("__verb__")
-        if called is None:
-            return "package"
-        return "package" + signature(getattr(import_module(called[0]), called[1]))
+        return "package"
     if inspect.isclass(value):
         return _describe_class(value)
     if inspect.isroutine(value):

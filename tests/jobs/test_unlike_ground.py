@@ -16,6 +16,7 @@ from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.events import ground_event
 from flgpr.live.ground import AGREEING
 from flgpr.live.state import _arrays
+from flgpr.method.estimators import probability
 from flgpr.method.method import detect as detect_in_memory
 from flgpr.method.model import load_model, save_model
 from flgpr.model import Lane
@@ -105,6 +106,8 @@ def test_a_lane_like_those_of_training_is_ranked_as_ever(home):
     assert said(result)["notes"] == []
     assert len(result.detections) == 1
     kept = found(home, "like", unlike="keep")
+    alarms = kept.alarms
+    assert alarms["p"].tolist() == [round(probability(odds), 4) for odds in alarms["confidence"]]
     pd.testing.assert_frame_equal(result.detections[0].alarms, kept.detections[0].alarms)
 
 
@@ -119,6 +122,8 @@ def test_other_ground_is_told_and_ranked_by_contrast_and_what_was_measured_stays
     kept = found(home, "other", unlike="keep").detections[0].alarms
     pd.testing.assert_frame_equal(learnt.alarms, kept)
     # Every confidence that stays is that of a learnt alarm within the radius of alarms.
+    assert "p" not in main.alarms  # nobody knows how often there is a mine on such ground
+    assert "p" not in kept
     both = main.alarms[main.alarms["confidence_as_learnt"].notna()]
     assert f"of {len(main.alarms)} alarms {len(both)} were alarms as learnt" in entries["notes"][-2]
     for alarm in both.itertuples():

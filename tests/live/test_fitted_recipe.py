@@ -67,7 +67,7 @@ def test_a_snapshot_without_its_recipe_is_told(hh_run, tmp_path):
     drive(tmp_path / "out", incoming)
     assert (tmp_path / "out" / SNAPSHOT_FILE).exists()
     (tmp_path / "out" / RECIPE_FILE).unlink()
-    with pytest.raises(ValueError, match=r"recipe must be given .* recipe\.toml; --fresh"):
+    with pytest.raises(ValueError, match=r"recipe must be given .* recipe\.toml; `fresh`"):
         drive(tmp_path / "out", incoming)
 
 

@@ -157,7 +157,7 @@ class SessionMachine(RuleBasedStateMachine):
     def other_settings_are_refused(self):
         if (self.home / "out" / "snapshot.bundle").is_file():
             other = session.LiveSettings(looks=2)
-            with pytest.raises(ValueError, match=r"another run, recipe, model or setting; --fresh"):
+            with pytest.raises(ValueError, match=r"another run, recipe, model or setting; `fresh`"):
                 self.options("out", settings=other).run()
 
 

@@ -320,7 +320,7 @@ def test_going_on_needs_the_same_recipe_unless_fresh(home, whole, tmp_path):
     shutil.copytree(whole[0], output)
     (tmp_path / "other.toml").write_text(small_recipe().replace("radius = 0.4", "radius = 0.5"))
     other = LiveOptions(tmp_path / "other.toml", output, home / "incoming", vehicle=vehicle)
-    with pytest.raises(ValueError, match=r"another run, recipe, model or setting; --fresh"):
+    with pytest.raises(ValueError, match=r"another run, recipe, model or setting; `fresh`"):
         LiveRun(other).run()
     fresh = LiveOptions(
         tmp_path / "other.toml", output, home / "incoming", vehicle=vehicle, fresh=True

@@ -138,8 +138,8 @@ def test_a_snapshot_of_something_else_or_damaged_is_refused(run, recipe, scans, 
     data = path.read_bytes()
     for at in np.linspace(0, len(data) - 1, 60).astype(int):
         path.write_bytes(data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :])
-        with pytest.raises(SnapshotError, match="--fresh"):
+        with pytest.raises(SnapshotError, match="`fresh`"):
             read_snapshot(path)
     path.write_bytes(data[: len(data) // 2])
-    with pytest.raises(SnapshotError, match="--fresh"):
+    with pytest.raises(SnapshotError, match="`fresh`"):
         read_snapshot(path)

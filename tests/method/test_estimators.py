@@ -10,7 +10,7 @@ import pytest
 from alone import needs
 from flgpr.detect.estimator_table import trained_class
 from flgpr.method.classifier import TrainingSet
-from flgpr.method.estimators import TrainedEstimator, train_estimator
+from flgpr.method.estimators import TrainedEstimator, probability, train_estimator
 from flgpr.method.model import Model, load_model, save_model
 from flgpr.recipe.tables import DetectorTable
 
@@ -165,3 +165,9 @@ def test_groups_are_no_option(wide_examples):
     table = DetectorTable(estimator="mkl", features=["C_*"], options={"groups": "3"})
     with pytest.raises(ValueError, match=r"options of mkl must not hold groups, .* got '3'"):
         train_estimator(wide_examples, table, list(wide_examples.features))
+
+
+def test_log_odds_are_a_probability_within_its_bounds():
+    assert probability(0.0) == 0.5
+    assert probability(np.log(9)) == pytest.approx(0.9)
+    assert 0 < probability(-1e4) < 1e-12 < 1 - 1e-12 < probability(1e4) <= 1

@@ -105,8 +105,8 @@ def test_an_alarm_is_explained():
         "confidence 5 (4 suffices), seen by one scan only: take another look, 80 % of it is the roadside's, "
         "at the edge of the lane"
     )
-    plain = {"x": 0.0, "y": 3.0, "confidence": 0.0, "scans": 3.0, "roadside": np.nan}
-    assert alarm_sentence(plain, LANE, -1.0, gives_odds=True) == (
+    plain = {"x": 0.0, "y": 3.0, "confidence": 0.0, "p": 0.5, "scans": 3.0, "roadside": np.nan}
+    assert alarm_sentence(plain, LANE, -1.0) == (
         "probability 0.50 where mines are as frequent as in training, seen by 3 scans"
     )
 

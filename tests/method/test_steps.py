@@ -67,7 +67,8 @@ def test_a_labelled_image_has_axes_number_and_pose(steps):
     labelled = steps.labelled(scan)
     assert labelled["polarization"].values.tolist() == POLARIZATIONS
     np.testing.assert_array_equal(labelled["y"].values, steps.grid.y)
-    assert labelled.attrs == {"scan": 3, "pose": pose.tolist()}
+    assert (labelled.attrs["scan"], labelled.attrs["pose"]) == (3, pose.tolist())
+    assert labelled.attrs["units"] == "1"
 
 
 @pytest.mark.parametrize(

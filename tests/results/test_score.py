@@ -66,7 +66,7 @@ def test_the_truth_of_a_score_is_read_back_and_a_foreign_one_refused(tmp_path):
     (other / "view").mkdir(parents=True)
     text = (result.folder / VIEW_SCORE).read_text()
     (other / VIEW_SCORE).write_text(text.replace("t1", "t3", 1))
-    with pytest.raises(ValueError, match="differs from what was written; run flgpr score again"):
+    with pytest.raises(ValueError, match=r"differs from what was written; run `flgpr.score` again"):
         read_scored_truth(result, other)
 
 

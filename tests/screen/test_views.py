@@ -6,6 +6,7 @@ import xarray as xr
 
 from flgpr.model import Grid, lane_to_scan
 from flgpr.screen import MeanViewSums, run_view, select
+from flgpr.screen.views import view_array
 from reference.wang2007 import second_largest
 
 GRID = Grid.spanning((-1.0, 1.0), (1.0, 4.0), 0.05)
@@ -103,3 +104,14 @@ def test_select_names_what_there_is():
         select(view, "VV", "F1")
     with pytest.raises(ValueError, match="at least one scan"):
         run_view([], GRID, 5)
+
+
+def test_a_run_view_has_units_and_names():
+    grid = Grid.spanning((0.0, 1.0), (0.0, 1.0), 0.5)
+    size = (len(grid.y), len(grid.x))
+    view = view_array(
+        np.zeros((1, *size), np.float32), np.zeros(size, int), grid, {"polarization": ["HH"]}
+    )
+    assert view.attrs == {"units": "1", "long_name": "magnitude of the run-view"}
+    assert view["y"].attrs["units"] == view["x"].attrs["units"] == "m"
+    assert view["looks"].attrs["long_name"]

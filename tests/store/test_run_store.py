@@ -413,3 +413,17 @@ def test_scans_of_zeros_are_flagged_in_a_store_as_in_a_run(small_run, tmp_path, 
     assert read_all(tmp_path / "a.zarr").identical(run)
     missing = np.flatnonzero(~run["valid"].values.any(axis=(1, 2)))
     np.testing.assert_array_equal(missing, silent if len(silent) < 4 else [])
+def test_variables_of_a_run_have_units_and_names_in_memory_and_in_its_store(small_run, tmp_path):
+    """The digest of a store covers what its arrays say of themselves; opened they say the same."""
+    save_run(small_run, tmp_path / "a.zarr")
+    read = open_run(tmp_path / "a.zarr")
+    assert read["frequency"].attrs["units"] == "Hz"
+    assert read["pose"].attrs["units"] == "m m m rad rad rad"
+    for name in ("signal", "tx_position", "time", "polarization"):
+        assert read[name].attrs == small_run[name].attrs
+        assert read[name].attrs["long_name"]
+    bare = small_run.copy()
+    for name in bare.variables:
+        bare[name].attrs = {}
+    save_run(bare, tmp_path / "b.zarr")
+    assert bytes_of(tmp_path / "a.zarr") == bytes_of(tmp_path / "b.zarr")

@@ -57,5 +57,5 @@ def test_what_breaks_a_rule_is_refused(value, rule):
 
 
 def test_errors_name_the_file(tmp_path):
-    with pytest.raises(ValueError, match=r"b.json: not verdicts of flgpr view"):
+    with pytest.raises(ValueError, match=r"b.json: not verdicts of `flgpr.view`"):
         parse_verdicts(b"{", tmp_path / "b.json")

@@ -102,17 +102,17 @@ def test_a_recipe_that_was_never_registered_is_refused_before_the_passphrase(tri
 
 def test_a_planned_truth_asks_for_recipe_and_register_by_itself(trial, book, sealed):
     with pytest.raises(
-        ValueError, match=r"must stand in the register .*: name what fixes it by --recipe"
+        ValueError, match=r"must stand in the register .*: name what fixes it by `recipe`"
     ):
         openly(trial, recipe=None)
     with pytest.raises(
-        ValueError, match="sealed with a register: give it by --book, and by --recipe what fixes"
+        ValueError, match="sealed with a register: give it by `book`, and by `recipe` what fixes"
     ):
         score_sealed(trial / "a.csv", sealed, PHRASE)
-    with pytest.raises(ValueError, match="--recipe needs a register: give it by --book"):
+    with pytest.raises(ValueError, match="`recipe` needs a register: give it by `book`"):
         score_sealed(trial / "a.csv", sealed, nobody, recipe=trial / "mine.toml")
     with pytest.raises(
-        ValueError, match=r"must stand in the register .*: name what fixes it by --recipe"
+        ValueError, match=r"must stand in the register .*: name what fixes it by `recipe`"
     ):
         score_sealed(trial / "a.csv", sealed, nobody, register=book)
     assert looks(trial) == 0
@@ -233,7 +233,7 @@ def test_links_and_other_names_lead_to_the_same_register(trial, book, sealed, tm
         f"{old}.register.jsonl", event="plan", plan="1", lanes={}
     )  # a register beside it is its own, too
     with pytest.raises(
-        ValueError, match=r"must stand in the register .*: name what fixes it by --recipe"
+        ValueError, match=r"must stand in the register .*: name what fixes it by `recipe`"
     ):
         openly(trial, truth="old.csv", recipe=None)
 
@@ -308,7 +308,7 @@ def test_a_result_is_held_to_its_own_recipe_and_model(demo, trial, tmp_path):
         score_result(folder, truth, recipe=trial / "mine.toml", **how)
     with pytest.raises(ValueError, match="what fixes the detector must be registered"):
         score_result(folder, truth, **how)
-    with pytest.raises(ValueError, match=r"--recipe needs a register: .*truth.csv names none"):
+    with pytest.raises(ValueError, match=r"`recipe` needs a register: .*truth.csv names none"):
         score_result(folder, truth, recipe="demo", output=tmp_path / "score")
     register_recipe("demo", book)
     assert score_result(folder, truth, **how)
@@ -342,7 +342,7 @@ def test_a_model_is_registered_with_its_recipe(tmp_path):
 def test_every_list_of_a_comparison_needs_its_recipe(trial, book):
     lists = [trial / "a.csv", trial / "b.csv"]
     for recipes, message in (
-        ([], "name what fixes it by --recipe"),
+        ([], "name what fixes it by `recipe`"),
         ([trial / "mine.toml"], "once per alarm list, got 1 for 2"),
         ([trial / "mine.toml", trial / "other.toml"], "what fixes the detector must be registered"),
     ):

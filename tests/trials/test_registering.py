@@ -96,7 +96,7 @@ def test_a_recipe_is_entered_once_and_not_after_an_opening(tmp_path):
 
 def test_a_recipe_and_a_register_go_together(alarms, tmp_path):
     assert registered_entrant(find_entrant(alarms), None).registration is None
-    with pytest.raises(ValueError, match="--recipe needs a register: give it by --book"):
+    with pytest.raises(ValueError, match="`recipe` needs a register: give it by `book`"):
         registered_entrant(find_entrant(alarms, "demo"), None)
     book = tmp_path / "book.jsonl"
     with pytest.raises(

@@ -90,6 +90,6 @@ def anchor(
     path = Path(points)
     if path.suffix.lower() == ".csv":
         if crs is None or accuracy is None or write is None:
-            raise ValueError("a CSV of surveyed points needs --crs, --accuracy and --write")
+            raise ValueError("a CSV of surveyed points needs `crs`, `accuracy` and `write`")
         path = write_anchor(anchor_from_points(path, crs, accuracy), write)
     return tie_lane(path, lane, outline, run, output)

@@ -44,7 +44,7 @@ class Calibration:
         try:
             return subtract_mean_scan(self.run.compute())
         except ValueError as error:
-            raise ValueError(f"{error}: search with it, --keep-standing") from None
+            raise ValueError(f"{error}: search with it, keep_standing") from None
 
     def track(self, track: PathLike | None, anchor: PathLike | None) -> pd.DataFrame:
         """Read a track, by default NAME-track.csv beside the run.

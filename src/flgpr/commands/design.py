@@ -146,23 +146,22 @@ def design(
     sensors = [sensor, *(compare or [])]
     if not signal_to_clutter:
         only_for_table = {
-            "--body": body,
-            "--distance": distance,
-            "--height": height,
-            "--permittivity": permittivity,
-            "--loss-tangent": loss_tangent,
-            "--correlation-length": correlation_length,
-            "--unevenness": unevenness,
-            "--measure": measure,
+            "`body`": body,
+            "`distance`": distance,
+            "`height`": height,
+            "`permittivity`": permittivity,
+            "`loss_tangent`": loss_tangent,
+            "`correlation_length`": correlation_length,
+            "`unevenness`": unevenness,
+            "`measure`": measure,
         }
         for name, value in only_for_table.items():
             if value is not None:
-                raise ValueError(f"{name} goes with --signal-to-clutter, got it without")
+                raise ValueError(f"{name} goes with signal_to_clutter, got it without")
         depths = depth or [_DEPTH]
         if len(depths) > 1:
             raise ValueError(
-                "--depth must be given once without --signal-to-clutter, "
-                f"got it {len(depths)} times"
+                f"depth must be given once without signal_to_clutter, got it {len(depths)} times"
             )
         from flgpr.design.array import Question
         from flgpr.report import design_report

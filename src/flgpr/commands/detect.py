@@ -6,9 +6,9 @@ among threads, processes and sections, in ``jobs/driver.py``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Concatenate, ParamSpec, Protocol, cast, overload
 
 from typer import Argument, Option
 
@@ -18,6 +18,7 @@ from flgpr.commands.options import (
     Overwrite,
     PathLike,
     Progress,
+    RunLike,
     RunsLike,
     Scheduler,
     ShellType,
@@ -115,10 +116,34 @@ def _summary(result: Result) -> dict[str, Any]:
     return summary
 
 
+def _one_run(call: Arguments) -> dict[str, Any]:
+    """Return the run alone where the command line names one: a list is a survey."""
+    return {"runs": call.runs[0]} if len(call.runs) == 1 else {}
+
+
+P = ParamSpec("P")
+
+
+class OneOrList(Protocol[P]):
+    """What ``detect`` returns of one run and of a list of runs, for type checkers."""
+
+    @overload
+    def __call__(self, runs: RunLike, *args: P.args, **kwargs: P.kwargs) -> Result: ...  # type: ignore[overload-overlap]
+    @overload
+    def __call__(self, runs: Sequence[RunLike], *args: P.args, **kwargs: P.kwargs) -> Survey: ...
+
+
+def _typed(function: Callable[Concatenate[Any, P], Any]) -> OneOrList[P]:
+    """Return a function of one run or a list of runs with both of its types."""
+    return cast("OneOrList[P]", function)
+
+
+@_typed
 @command(
     lines=_lines,
     as_json=_as_json,
     lines_before=_before,
+    python_values=_one_run,
     panels={
         "Recipe and lane": ("recipe", "model", "lane", "others"),
         "Trust": ("unlike", "far"),
@@ -176,23 +201,19 @@ def detect(
     """Raise alarms on runs; truth is not needed and not read. An interrupted run resumes.
 
     One run gives the result folder OUTPUT, several give OUTPUT/NAME each and OUTPUT/survey.json.
-    A lane in sections has a result folder for each section, section-01 and so on, and a table of
-    all alarms.
+    Sections of a lane have folders of their own, section-01 and so on, and a table of all alarms.
 
     Returns
     -------
     Result or Survey
-        For one run its result; sections of a lane are read as one result. For several runs a
-        survey, which reads the result of each when it is asked for. Without an output the result
-        lies in a temporary folder that lives as long as the object.
+        Of one run its result, of a list a survey. Without an output it lives as long as the object.
 
     Raises
     ------
     ValueError
-        If a recipe does not fit a run, or an option breaks its rule; nothing is written then. With
-        ``unlike="refuse"``, if the ground is unlike the training.
+        If a recipe does not fit a run or its ground, or an option breaks its rule.
     FileExistsError
-        If another result is there, and it is not to be overwritten, or something that is no result.
+        If something that is no result is there, or a result that is not to be overwritten.
     """
     from flgpr.jobs.driver import detect_lane
     from flgpr.jobs.job import LaneJob, make_job
@@ -201,6 +222,7 @@ def detect(
     from flgpr.results.survey import Survey
 
     run_list = one_or_more(runs)
+    is_one = isinstance(runs, str) or not isinstance(runs, Sequence)
     lanes = one_or_more(lane) or [None] * len(run_list)
     options = run_options(workers, scheduler, max_memory, track, note, pass_cache)
     other_runs = runs_by_name(others, len(run_list))
@@ -225,7 +247,7 @@ def detect(
             far=far,
         )
 
-    if len(run_list) == 1:
+    if is_one:
         with RunLocations(run_list[0], output, other_runs[0]) as place:
             text = recipe_or_fitted(recipe, place.run, model, options.max_memory)
             job = job_of(0, place.run, text, place.output, place.other_runs)
@@ -234,7 +256,7 @@ def detect(
             return place.result()
 
     if output is None:
-        raise ValueError(f"output must be given for several runs, got none for {len(run_list)}")
+        raise ValueError(f"output must be given for a list of runs, got none for {len(run_list)}")
     if any(is_in_memory(run) for run in run_list):
         raise ValueError("runs of a survey must be stored, got one in memory: give each alone")
     survey = Path(output)

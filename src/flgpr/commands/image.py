@@ -224,7 +224,7 @@ def _seconds(nanoseconds: float | None) -> float | None:
 def _extent(name: str, limits: Limits | None, value: float | None) -> Limits | float | None:
     """Return limits or a single value; both are a ValueError."""
     if limits is not None and value is not None:
-        raise ValueError(f"{name} must be given once, got limits and --at-{name}")
+        raise ValueError(f"{name} must be given once, got limits and at_{name}")
     return limits if value is None else value
 
 

@@ -143,17 +143,17 @@ def import_mapped(
     from flgpr.model.track import reference_track
 
     of_tracks = {
-        "clock-offset": clock_offset != 0,
-        "lever-arm": any(lever_arm),
+        "clock_offset": clock_offset != 0,
+        "lever_arm": any(lever_arm),
         "latency": latency != 0,
         "body": body is not None,
         "axes": axes is not None,
-        "max-gap": max_gap != 1.0,
+        "max_gap": max_gap != 1.0,
     }
     dropped = [name for name, is_given in of_tracks.items() if is_given]
     if track is None and dropped:
         raise ValueError(
-            f"{', '.join(dropped)}: these are of --track, got none; those of the mapping's own "
+            f"{', '.join(dropped)}: these are of `track`, got none; those of the mapping's own "
             "track stand in its table"
         )
     target = check_parent_folder(output)

@@ -57,6 +57,11 @@ def _summary_lines(report: LiveReport, call: Arguments) -> Iterator[ErrorStreamT
     for name, count in report.counts.items():
         if count:
             yield ErrorStreamText(f"  {count:6d} {COUNTS[name]}")
+    if not any(report.counts.values()) and call.incoming is not None:
+        there = "" if Path(call.incoming).exists() else ", which does not exist"
+        yield ErrorStreamText(
+            f"no scan came from {call.incoming}{there}: `flgpr feed` plays a run into a folder"
+        )
     yield ErrorStreamText(f"wrote {call.output}")
 
 

@@ -74,8 +74,8 @@ def plain_errors(
     """
     # Several commands may run in one process, as tests do.
     _unchanged_outputs.clear()
-    unchanged = _attached("flgpr.outputs", _UnchangedOutputs(quiet))
-    reading = _attached("flgpr.notes", _ReadingNotes(quiet))
+    unchanged = _attached("flgpr.outputs", _UnchangedOutputs(quiet, typed_names))
+    reading = _attached("flgpr.notes", _ReadingNotes(quiet, typed_names))
     try:
         with warnings.catch_warnings(), unchanged, reading:
             warnings.showwarning = _show_warning
@@ -86,11 +86,20 @@ def plain_errors(
     except BrokenPipeError:  # the program that read the output has ended
         raise
     except USER_ERRORS as error:
-        message = plain_message(error)
-        for name, typed in (typed_names or {}).items():
-            message = re.sub(rf"(?<![\w.-]){name}(?![\w-])", typed, message)
-        say(f"error: {message}", err=True)
+        say(f"error: {in_shell_words(plain_message(error), typed_names)}", err=True)
         raise typer.Exit(2) from None
+
+
+def in_shell_words(text: str, typed_names: Mapping[str, str] | None) -> str:
+    """Return a message with options and commands for the parameters and verbs of Python.
+
+    Messages name a parameter as Python does: in backticks where its name could be a word of the
+    sentence, `fresh`; and a verb as `flgpr.train`.
+    """
+    for name, typed in (typed_names or {}).items():
+        bare = rf"|(?<![\w.-]){name}(?![\w-])" if "_" in name else ""
+        text = re.sub(rf"`{name}`{bare}", typed, text)
+    return re.sub(r"`flgpr\.(\w+)`", r"`flgpr \1`", text)
 
 
 def is_unchanged(output: Path) -> bool:
@@ -119,22 +128,20 @@ def say(text: Any, err: bool = False, nl: bool = True) -> None:
 class _Printer(logging.Handler):
     """Prints messages of a logger on the error stream, unless the command is quiet."""
 
-    def __init__(self, quiet: bool) -> None:
+    def __init__(self, quiet: bool, typed_names: Mapping[str, str] | None) -> None:
         super().__init__()
         self._quiet = quiet
+        self._typed_names = typed_names
+        self._printed: set[str] = set()
 
     def tell(self, text: str) -> None:
         """Print a line."""
         if not self._quiet:
-            say(text, err=True)
+            say(in_shell_words(text, self._typed_names), err=True)
 
 
 class _ReadingNotes(_Printer):
     """Prints what was found, replaced or assumed on reading, each line once."""
-
-    def __init__(self, quiet: bool) -> None:
-        super().__init__(quiet)
-        self._printed: set[str] = set()
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print a message of ``flgpr.store.notes.log_note``."""

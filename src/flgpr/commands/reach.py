@@ -10,14 +10,17 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from flgpr.model.units import UNITS
 from flgpr.scoring import as_lanes
-from flgpr.scoring.matching import LaneLike
+from flgpr.scoring.matching import LaneLike, Match
 from flgpr.store.notes import log_note
 from flgpr.types import BoolArray
 
 _SHARE_OUTSIDE = 0.5  # of the rows, above which the axes may be swapped
 _ROW_NAMES = {"alarms": "alarms", "truth": "targets"}
 _MOST_OUTSIDE = 0.5  # of the targets, above which the truth is of another lane
+_ONE_TARGET = 0.1  # m, which is less than a mine is wide
+_CHANCE = 0.01  # probability below which falling confidences are no chance
 _DEEPEST = 1.0  # m, below which no mine is laid: a greater depth is likely in another unit
 
 
@@ -53,6 +56,8 @@ def targets_in_reach(
         If more than half of the targets lie outside. The error counts them, and those that would
         lie inside with other axes.
     """
+    if not halo > 0:
+        raise ValueError(f"halo must be a positive radius in metres, got {halo:g}")
     count = len(targets)
     in_reach = are_near(targets, lanes, halo)
     outside = count - int(in_reach.sum())
@@ -117,15 +122,24 @@ def _other_axes(targets: pd.DataFrame, lanes: LaneLike, halo: float) -> str:
         "x and y swapped": targets.rename(columns={"x": "y", "y": "x"}),
         "the other sign of x": targets.assign(x=-targets["x"]),
         "the other sign of y": targets.assign(y=-targets["y"]),
+        **{unit: _scaled(targets, UNITS["length"][unit]) for unit in ("ft", "cm")},
     }
     counts = {}
     for trial, changed in trials.items():
         counts[trial] = int(are_near(changed, lanes, halo).sum())
-    tried = ", ".join(f"with {trial} {number}" for trial, number in counts.items())
     best = max(counts, key=lambda trial: counts[trial])
     if 2 * counts[best] > len(targets):
-        return f"in reach would be {tried}: {best}?"
-    return f"in reach would be {tried}: is it of another lane?"
+        told = f"they are in {best}" if best in UNITS["length"] else f"it is with {best}"
+        return f"{counts[best]} would be in reach if {told}; else, are they of another lane?"
+    return (
+        "none of the other axes and units tried brings them there: are they of another lane, or "
+        "in another frame (longitude and latitude, or a map's, need an `anchor`)?"
+    )
+
+
+def _scaled(targets: pd.DataFrame, factor: float) -> pd.DataFrame:
+    """Return targets whose positions are multiplied by a factor."""
+    return targets.assign(x=factor * targets["x"], y=factor * targets["y"])
 
 
 def table_doubts(table: pd.DataFrame, kind: str, lanes: LaneLike) -> list[str]:
@@ -163,6 +177,12 @@ def table_doubts(table: pd.DataFrame, kind: str, lanes: LaneLike) -> list[str]:
         )
 
     inside = int(are_near(table, lanes).sum())
+    close = _close_together(table) if kind == "truth" and inside and not repeated else 0
+    if close:
+        doubts.append(
+            f"targets of one kind lie less than {_ONE_TARGET:g} m apart ({close} of them): are they "
+            "two rows of one target? both are kept"
+        )
     swapped = table.rename(columns={"x": "y", "y": "x"})
     inside_if_swapped = int(are_near(swapped, lanes).sum())
     outside = count - inside
@@ -176,6 +196,47 @@ def table_doubts(table: pd.DataFrame, kind: str, lanes: LaneLike) -> list[str]:
     elif outside:
         doubts.append(f"{outside} of {count} {row_name} lie outside the lane")
     return doubts + _depth_doubts(table, row_name)
+
+
+def _close_together(targets: pd.DataFrame) -> int:
+    """Return how many pairs of targets of one kind, in one lane, are closer than any two mines lie."""
+    from scipy.spatial import cKDTree
+
+    keys = [name for name in ("kind", "lane") if name in targets.columns]
+    groups = targets.groupby(keys) if keys else [("", targets)]
+    trees = [cKDTree(group[["x", "y"]].to_numpy(np.float64)) for _, group in groups]
+    return sum(len(tree.query_pairs(_ONE_TARGET)) for tree in trees)
+
+
+def tell_ranking_doubts(matched: Match, far: float | None, reached: float, name: str) -> None:
+    """Print what is doubtful about a scored list: confidences that fall, and a rate out of reach.
+
+    Parameters
+    ----------
+    matched : Match
+        Alarms and targets.
+    far : float or None
+        Operating point that was asked for, per m².
+    reached : float
+        False alarm rate of the whole list, per m².
+    name : str
+        Name of the list's file.
+    """
+    from scipy.stats import mannwhitneyu
+
+    hits = matched.confidence[matched.in_halo]
+    false = matched.confidence[matched.false]
+    if len(hits) and len(false) and mannwhitneyu(hits, false, alternative="less").pvalue < _CHANCE:
+        log_note(
+            f"{name}: alarms at targets have lower confidences than false ones, which chance gives "
+            f"in less than {_CHANCE:.0%} of lists: higher must be more like a mine; is the order "
+            "reversed?"
+        )
+    if far is not None and far > reached:
+        log_note(
+            f"{name}: far of {far:g} per m² is beyond the {reached:.3g} per m² of the whole list: "
+            "all its alarms count there"
+        )
 
 
 def _depth_doubts(table: pd.DataFrame, row_name: str) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 import weakref
 from collections.abc import Mapping
@@ -14,6 +15,9 @@ if TYPE_CHECKING:
     from flgpr.jobs.workers import RunOptions
     from flgpr.progress import Track
     from flgpr.results.result import Result
+
+
+_MOST_WORKERS = 8  # for each core
 
 
 def is_in_memory(run: Any) -> bool:
@@ -72,6 +76,8 @@ class RunLocations:
         """Return the store of a run; a run in memory is saved first."""
         if not is_in_memory(run):
             return Path(run)
+        if not hasattr(run, "data_vars"):
+            raise ValueError(f"runs must be run stores or datasets, got a {type(run).__name__}")
         from flgpr.store import save_run
 
         store = self._folder() / f"{name}.zarr"
@@ -113,6 +119,12 @@ def run_options(
     from flgpr.progress import silent
 
     memory = size_in_bytes(max_memory)
+    cores = os.cpu_count() or 1
+    if workers is not None and workers > _MOST_WORKERS * cores:
+        raise ValueError(
+            f"workers must be at most {_MOST_WORKERS} for each of the {cores} cores of this "
+            f"machine, got {workers}: more only wait for one another"
+        )
     return RunOptions(
         workers, scheduler, memory, track or silent, note or ignore_report, pass_cache
     )

@@ -74,7 +74,7 @@ def _passphrase(call: Arguments) -> dict[str, Any]:
     """Return the function that asks for the passphrase, where one is needed."""
 
     def ask() -> str:
-        trials = needed_trials("--sealed")
+        trials = needed_trials("`sealed`")
         return trials.ask_new_passphrase() if call.seal else trials.ask_passphrase()
 
     return {"passphrase": ask}
@@ -137,8 +137,7 @@ def score(
     Scored, BlindScore, SideBySide, pathlib.Path, dict or None
         For a result or a list its scores and the folder of the report; for a sealed truth what it
         lets be known, or None where this score exists already. Earlier spellings return what
-        :func:`flgpr.commands.compare.compare`, :func:`flgpr.trials.seal` and
-        :func:`flgpr.commands.agree.agree` do.
+        ``flgpr.compare``, ``flgpr.trials.seal`` and ``flgpr.agree`` do.
 
     Raises
     ------
@@ -158,7 +157,7 @@ def score(
         "objects": objects,
         "far": far,
         "columns": columns,
-        "truth-columns": truth_columns,
+        "truth_columns": truth_columns,
         "anchor": anchor,
     }
     of_lists = {
@@ -171,28 +170,28 @@ def score(
     require_witnessed(witness, book, sealed)
     if agreement:
         others = {"output": output, "book": book, "seal": seal or None}
-        why = "--agreement compares verdicts with one another and prints the table"
+        why = "`agreement` compares verdicts with one another and prints the table"
         refuse(of_open_truth | of_lists | ground | others, why)
         return agree(lists)
     if seal:
-        refuse(of_open_truth | of_lists, "--seal seals a truth with its lane and halo")
+        refuse(of_open_truth | of_lists, "`seal` seals a truth with its lane and halo")
         require_lists(lists, "truth file")
         if lane is None or output is None or len(lists) > 1:
             raise ValueError(
-                "--seal needs one truth, --lane and --output, got none or several of one of them"
+                "`seal` needs one truth, `lane` and `output`, got none or several of one of them"
             )
-        seal_truth = needed_trials("--seal").seal
+        seal_truth = needed_trials("`seal`").seal
         return seal_truth(lists[0], lane, output, halo, show, book, witness, passphrase=passphrase)
     if sealed is not None:
-        why = "--sealed scores by the rules that the truth was sealed with"
+        why = "`sealed` scores by the rules that the truth was sealed with"
         refuse(of_open_truth | ground, why)
-    refuse({"show": show}, "--show goes with --seal")
+    refuse({"show": show}, "`show` goes with `seal`")
     require_lists(lists)
 
     several = len(lists) > 1
     if several and sealed is not None:
         raise ValueError(
-            "--sealed scores one list, and `flgpr trial verdict` judges several, "
+            "`sealed` scores one list, and `flgpr trial verdict` judges several, "
             f"got {len(lists)} lists"
         )
     folder = score_output(lists, lane, output if sealed is None else output or "score")
@@ -212,7 +211,7 @@ def score(
             overwrite=overwrite,
         )
         if sealed is not None:
-            return needed_trials("--sealed").score_sealed(request)
+            return needed_trials("`sealed`").score_sealed(request)
         if several:
             refuse({"objects": objects}, "several lists are compared without pictures")
             return compare_lists(request)

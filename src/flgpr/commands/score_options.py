@@ -88,7 +88,13 @@ class Show(StrEnum):
 
 def path_of_list(alarms: Any) -> Path:
     """Return the folder of a result, or the path of a file or folder."""
-    return Path(alarms) if isinstance(alarms, str | Path) else Path(alarms.folder)
+    if isinstance(alarms, str | Path):
+        return Path(alarms)
+    if not hasattr(alarms, "folder"):
+        raise ValueError(
+            f"alarms must be a result, or a file or folder of one, got a {type(alarms).__name__}"
+        )
+    return Path(alarms.folder)
 
 
 @contextmanager
@@ -100,7 +106,7 @@ def truth_path(truth: TruthLike | None, sealed: PathLike | None) -> Iterator[Pat
     if sealed is not None:
         yield Path(sealed)
     elif truth is None:
-        raise ValueError("score needs --truth or --sealed, got neither")
+        raise ValueError("score needs `truth` or `sealed`, got neither")
     elif isinstance(truth, str | Path):
         yield Path(truth)
     else:
@@ -114,7 +120,7 @@ def truth_path(truth: TruthLike | None, sealed: PathLike | None) -> Iterator[Pat
 
 def refuse(options: Mapping[str, Any], why: str) -> None:
     """Refuse options that have no effect here: they are not dropped without a word."""
-    refused = [f"--{name}" for name in given(options)]
+    refused = [f"`{name}`" for name in given(options)]
     if refused:
         raise ValueError(f"{why}, got {' and '.join(refused)}")
 
@@ -127,7 +133,7 @@ def given(options: Mapping[str, Any]) -> dict[str, Any]:
 def require_witnessed(witness: PathLike | None, *registers: PathLike | None) -> None:
     """Refuse a witness where there is neither a register nor a sealed truth with its log."""
     if witness is not None and not any(registers):
-        raise ValueError(f"--witness goes with --book or --sealed, got --witness {witness} alone")
+        raise ValueError(f"`witness` goes with `book` or `sealed`, got {witness} alone")
 
 
 def require_lists(lists: Sequence[Path], what: str = "alarm list or result") -> None:

@@ -25,7 +25,7 @@ class Trial:
 
     def options(self) -> list[str]:
         """Return the names of the options that are given."""
-        given = {"--recipe": self.recipes, "--book": self.book, "--witness": self.witness}
+        given = {"`recipe`": self.recipes, "`book`": self.book, "`witness`": self.witness}
         return [name for name, value in given.items() if value]
 
 

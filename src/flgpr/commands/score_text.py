@@ -38,7 +38,7 @@ def answer_lines(returned: Any, folder: Path) -> Iterator[Any]:
         folder = returned.folder
         yield from score_lines(returned.scores)
     else:
-        yield from needed_trials("--sealed").lines(returned)
+        yield from needed_trials("`sealed`").lines(returned)
     yield f"report: {(folder / 'report.html').resolve()}"
 
 

@@ -16,7 +16,12 @@ from typing import Any
 import pandas as pd
 
 from flgpr.commands.entrants import Entrant, entrant_names, find_entrants
-from flgpr.commands.reach import refuse_elsewhere, targets_in_reach, tell_doubts
+from flgpr.commands.reach import (
+    refuse_elsewhere,
+    targets_in_reach,
+    tell_doubts,
+    tell_ranking_doubts,
+)
 from flgpr.commands.score_options import refuse
 from flgpr.commands.score_output import must_write, with_last, write_score_files
 from flgpr.commands.score_request import ScoreRequest
@@ -130,7 +135,7 @@ def score_one(request: ScoreRequest, track: Track = silent) -> Scored:
     reading = request.reading
     if reading is not None and (reading.columns or reading.unranked):
         name = "columns are" if reading.columns else "unranked is"
-        raise ValueError(f"{name} of alarm lists: a result's list has its own; see --truth-columns")
+        raise ValueError(f"{name} of alarm lists: a result's list has its own; see truth_columns")
     folder = path.parent if path.name == "alarms.csv" else path
     return score_result(dataclasses.replace(request, lists=[folder]), track)
 
@@ -160,7 +165,7 @@ def score_list(request: ScoreRequest) -> Scored:
     """
     if request.lane is None:
         raise ValueError(
-            "an alarm list needs --lane (x_min, x_max, y_min, y_max), "
+            "an alarm list needs `lane` (x_min, x_max, y_min, y_max), "
             f"got {request.lists[0]} without it"
         )
     refuse_links(request.output)
@@ -176,6 +181,9 @@ def score_list(request: ScoreRequest) -> Scored:
         far_max = max(lists.rules.far_max, only_far)  # the figures reach the only point
         rules = dataclasses.replace(lists.rules, far=only_far, far_max=far_max)
         scored = score(table, truth.targets, lanes, rules)
+    reached = float(scored.curve["far"].max())
+    name = request.lists[0].name
+    tell_ranking_doubts(scored.matched, request.rules.get("far"), reached, name)
 
     files = score_files([scored], truth.notes[0], title="Detection report")
     write_score_files(request.output, files, request.overwrite)
@@ -456,7 +464,7 @@ def _common_lanes_and_rules(
         [lanes] = result_lanes
     else:
         raise ValueError(
-            "alarm lists need --lane to be compared, and results one and the same; "
+            "alarm lists need `lane` to be compared, and results one and the same; "
             f"got {len(result_lanes)} lanes"
         )
 

@@ -120,7 +120,9 @@ def command(**fields: Any) -> Callable[[F], F]:
         described = Command(function, **fields)
         parameters = described.parameters
         function.__dict__["command"] = described
-        function.__doc__ = python_documentation(function.__doc__ or "", parameters)
+        function.__doc__ = python_documentation(
+            function.__doc__ or "", parameters, described.panels
+        )
         function.__dict__["__signature__"] = python_signature(function, parameters)
         return function
 
@@ -201,11 +203,11 @@ def _run(described: Command, values: dict[str, Any]) -> None:
 
 
 def _typed_names(described: Command) -> dict[str, str]:
-    """Return options by their names in Python, where these can be no words of a sentence."""
+    """Return options by their names in Python."""
     typed_names = {}
     for parameter in described.parameters:
         option = parameter.shell
-        if "_" not in parameter.name or not isinstance(option, OptionInfo):
+        if not isinstance(option, OptionInfo):
             continue
         long_names = [name for name in option.param_decls or () if name.startswith("--")]
         usual = "--" + parameter.name.replace("_", "-")

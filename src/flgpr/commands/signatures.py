@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import re
 import types
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ForwardRef, Literal, Union, get_args, get_origin
@@ -16,6 +16,7 @@ from flgpr.commands.options import ShellDefault, ShellType
 
 _EMPTY = inspect.Parameter.empty
 _SEQUENCES = (Sequence, list)
+_LINE = 94  # characters
 _SECTIONS = re.compile(r"^(?=(?:Returns|Raises|Notes)\n-+$)", re.MULTILINE)
 
 
@@ -111,7 +112,19 @@ def python_signature(
             )
         )
     returned = function.__annotations__.get("return", "None")
-    return inspect.Signature(plain_parameters, return_annotation=_TypeText(str(returned)))
+    return _ShortSignature(plain_parameters, return_annotation=_TypeText(str(returned)))
+
+
+class _ShortSignature(inspect.Signature):
+    """A signature that is shown without its types: with them it would fill a screen."""
+
+    def __str__(self) -> str:
+        shown = [one.replace(annotation=_EMPTY) for one in self.parameters.values()]
+        return str(inspect.Signature(shown))
+
+    def format(self, **_: Any) -> str:
+        """Return the text as ``help`` of Python 3.13 asks for it, which has a line a parameter."""
+        return str(self)
 
 
 class _TypeText:
@@ -144,16 +157,31 @@ def type_in_words(annotation: Any) -> str:
     return str(getattr(annotation, "__name__", annotation))
 
 
-def python_documentation(text: str, parameters: Sequence[Parameter]) -> str:
-    """Return a docstring with a section of the parameters before what is returned and raised."""
+def python_documentation(
+    text: str, parameters: Sequence[Parameter], panels: Mapping[str, Sequence[str]]
+) -> str:
+    """Return a docstring with a section of the parameters before what is returned and raised.
+
+    It fits a screen: a parameter has a line, of a long help the first words; the boxes of the help
+    of the command line but the first have a line each, by their titles.
+    """
     summary, *sections = _SECTIONS.split(inspect.cleandoc(text), maxsplit=1)
+    known = [parameter.name for parameter in parameters]
+    together = {}
+    for title, names in list(panels.items())[1:]:
+        together[title] = [name for name in names if name in known]
+    apart = [name for names in together.values() for name in names]
     lines = ["Parameters", "----------"]
     for parameter in parameters:
-        kind = type_in_words(parameter.type)
-        if parameter.default is not _EMPTY:
-            kind += ", optional"
-        lines.append(f"{parameter.name} : {kind}")
-        lines.append(f"    {parameter.help}")
+        line = f"{parameter.name} : {parameter.help}"
+        if len(line) > _LINE:
+            line = re.split(r"(?<=\.) |; |: |, ", line.replace(" : ", "\0", 1))[0].replace(
+                "\0", " : "
+            )
+        if parameter.name not in apart:
+            lines.append(f"{line.rstrip('.')}.")
+    for title, names in together.items():
+        lines.append(f"{', '.join(names)} : {title}, see the command's --help.")
     paragraphs = [summary.strip(), "\n".join(lines), *sections]
     return "\n\n".join(paragraph for paragraph in paragraphs if paragraph)
 

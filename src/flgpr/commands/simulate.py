@@ -126,7 +126,7 @@ def simulate_lane(
             f"engine must be one of {', '.join([_OWN_ENGINE, *sorted(engines)])}, got {engine!r}"
         )
     if output is None and preview is None:
-        raise ValueError("simulate needs --output or --preview, got neither")
+        raise ValueError("simulate needs `output` or `preview`, got neither")
     from flgpr.commands.simulation import ground_echo_lines, write_preview
     from flgpr.jobs.simulated_lane import simulate_to_store
     from flgpr.simulate import load_scene
@@ -194,4 +194,4 @@ def _restart_named() -> Iterator[None]:
     except RunStoreError as error:
         if not isinstance(error.__cause__, OtherRunError):
             raise
-        raise ValueError(f"{error}; --restart begins again, or choose another output") from None
+        raise ValueError(f"{error}; `restart` begins again, or choose another output") from None

@@ -71,8 +71,8 @@ def train(
         bool,
         Option(
             "--check/--no-check",
-            help="Whether a recipe with signatures of the run's own array is then compared with "
-            "the contrast on simulated lanes.",
+            help="Whether a recipe fitted to the array is compared with the contrast on "
+            "simulated lanes.",
         ),
     ] = True,
     *,

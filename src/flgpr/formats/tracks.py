@@ -347,7 +347,7 @@ def _separation_of_others(known: FloatArray, name: str, is_own_anchor: bool) -> 
     raise ValueError(
         f"{name}: no GGA tells the separation of the geoid from the ellipsoid, so that its heights "
         "over the sea do not fit the anchor's over the ellipsoid, by up to 100 m: let the receiver "
-        "write it, or make the anchor of the log itself (--anchor-from-track)"
+        "write it, or make the anchor of the log itself (anchor_from_track)"
     )
 
 

@@ -14,6 +14,8 @@ from flgpr.imaging.aperture import aperture_blocks, aperture_image, record_of
 from flgpr.imaging.view_axes import View, chosen_scans, view_axes
 from flgpr.model import LINE_STARTS, SPEED_OF_LIGHT, vehicle_to_lane, way_weights
 from flgpr.model.aperture import way_shares
+from flgpr.model.constants import IMAGE_ATTRS
+from flgpr.model.run import described
 from flgpr.types import BoolArray, FloatArray, IndexArray
 
 _LEAST_DISTANCE = 1e-6  # m, of a pixel from a scan, level with the ground
@@ -108,7 +110,7 @@ def focus(
         attrs=_attributes(run, view, chosen.size, title),
         name="image",
     )
-    return FocusedImage(image, spacing, chosen.size, tuple(notes))
+    return FocusedImage(described(image, IMAGE_ATTRS), spacing, chosen.size, tuple(notes))
 
 
 def _is_above_antennas(

@@ -10,6 +10,8 @@ import xarray as xr
 from flgpr.imaging.looks import count_looks
 from flgpr.imaging.operator import ImagingOperator
 from flgpr.model import Grid, check_run, complete_scans, vehicle_to_scan
+from flgpr.model.constants import IMAGE_ATTRS
+from flgpr.model.run import described
 from flgpr.types import ArrayLike, ComplexArray, FloatArray, IntArray, floats
 
 
@@ -166,7 +168,7 @@ class ScanImager:
                 self.grid.x,
             )
         image = self._blanks[rows].copy(deep=False, data=values)
-        image.attrs = {"scan": scan, "pose": self._poses[scan].tolist()}
+        image.attrs |= {"scan": scan, "pose": self._poses[scan].tolist()}
         return image
 
     def looks(self, points: ArrayLike) -> IntArray:
@@ -195,4 +197,5 @@ def blank_image(
     """
     axes = {"polarization": polarization, "subband": subband, "y": y, "x": x}
     pixels = np.broadcast_to(np.complex64(0), tuple(map(np.size, axes.values())))
-    return xr.DataArray(pixels, dims=tuple(axes), coords=axes, name="image")
+    image = xr.DataArray(pixels, dims=tuple(axes), coords=axes, name="image")
+    return described(image, IMAGE_ATTRS)

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from flgpr.live.detector import LiveDetector
 from flgpr.live.event_types import ForecastEntries
 from flgpr.live.updates import LiveAlarm
-from flgpr.method.estimators import TrainedEstimator
+from flgpr.method.estimators import LARGEST_ODDS, TrainedEstimator, probability
 from flgpr.method.model import Model
 from flgpr.model import complete_scans
 from flgpr.recipe.schema import Recipe
@@ -39,7 +39,6 @@ NAME = "live.forecast"
 """Name of the forecast in a model, among what its stages have learnt."""
 _SIDE = 1.2816  # standard deviations to either side that hold 80 % of a Gaussian
 _LEAST = 40  # looks at training alarms from which six numbers are learnt
-_LARGEST = 30.0  # of log odds: beyond it the probability no longer changes
 
 
 class Followed(NamedTuple):
@@ -87,8 +86,8 @@ class Forecast:
         g, h = self.spread
         rho = self.correlation
         total = sum(looks)
-        clipped = min(max(odds, -_LARGEST), _LARGEST)
-        p = _probability(odds)
+        clipped = min(max(odds, -LARGEST_ODDS), LARGEST_ODDS)
+        p = probability(odds)
         share = total / (weight_before + total)
         squares = sum(weight * weight for weight in looks)
         alike = rho + (1 - rho) * squares / total**2
@@ -219,7 +218,7 @@ def forecast_event(
         The members; of an alarm that no look can change, its probability alone.
     """
     odds = alarm.confidence
-    event: ForecastEntries = {"p": round(_probability(odds), 4)}
+    event: ForecastEntries = {"p": round(probability(odds), 4)}
     if alarm.state in ("withdrawn", "final"):
         return event
     expected = detector.expected_looks(alarm)
@@ -321,7 +320,7 @@ def learn(followed: Iterable[Followed]) -> tuple[Arrays, dict[str, Any]]:
     alike = squares / total**2
     share = total / (weight_before + total)
     p = expit(odds)
-    clipped = np.clip(odds, -_LARGEST, _LARGEST)
+    clipped = np.clip(odds, -LARGEST_ODDS, LARGEST_ODDS)
     error = (later - odds) / share  # e of the looks, from the mean so far
     terms = np.stack([np.ones_like(p), clipped, p * clipped], axis=1)
     first = np.linalg.lstsq(terms, error, rcond=None)[0]
@@ -354,13 +353,8 @@ def _stored_scans(run: xr.Dataset) -> Iterator[Scan]:
         yield stored_scan(run, int(number))
 
 
-def _probability(odds: float) -> float:
-    """Return the probability of log odds."""
-    return 1 / (1 + math.exp(-min(max(odds, -_LARGEST), _LARGEST)))
-
-
 def _interval(mean: float, deviation: float) -> list[float]:
     """Return the 80 % interval of the probability for Gaussian log odds."""
-    low = _probability(mean - _SIDE * deviation)
-    high = _probability(mean + _SIDE * deviation)
+    low = probability(mean - _SIDE * deviation)
+    high = probability(mean + _SIDE * deviation)
     return [round(low, 4), round(high, 4)]

@@ -344,7 +344,7 @@ class LiveRun:
         if recipe is None and snapshot is not None:
             raise ValueError(
                 f"recipe must be given to go on with {self.output}, which holds no {RECIPE_FILE}; "
-                "--fresh begins again"
+                "`fresh` begins again"
             )
         if recipe is None:
             self._intake = Intake(description)
@@ -524,7 +524,7 @@ class LiveRun:
         counts = dict(intake.counts)
         table = detector.table()
         if not self._frames and (self.output / REPORT_FILE).is_file():
-            log_finished(self.output, "--fresh makes it again")
+            log_finished(self.output, "`fresh` makes it again")
             return LiveReport(counts, latency_percentiles([]), len(table), float("nan"))
         write_table(table, self.output / "alarms.csv")
         report = LiveReport(counts, latency_percentiles(self._latency), len(table), self._rate())
@@ -574,7 +574,7 @@ def _check_same_run(snapshot: Snapshot, incoming: Path) -> None:
     if description is None:
         return
     if description.run_id != parse_description(snapshot[0]["run"]).run_id:
-        raise ValueError(f"{incoming}: the description is that of another run; --fresh begins anew")
+        raise ValueError(f"{incoming}: the description is that of another run; `fresh` begins anew")
 
 
 def _check_output(folder: Path) -> None:

@@ -169,11 +169,11 @@ def read_snapshot(path: Path) -> Snapshot | None:
     except FileNotFoundError:
         return None
     except BundleError as error:
-        raise SnapshotError(f"{error}; --fresh begins anew") from None
+        raise SnapshotError(f"{error}; `fresh` begins anew") from None
     try:
         check_format(header, FORMAT, VERSION)
     except ValueError as error:
-        raise SnapshotError(f"{path}: {error}; --fresh begins anew") from None
+        raise SnapshotError(f"{path}: {error}; `fresh` begins anew") from None
     return header, arrays
 
 
@@ -206,14 +206,14 @@ def restore_snapshot(
     header, arrays = snapshot
     if header.get("fingerprint") != fingerprint:
         raise SnapshotError(
-            "the snapshot belongs to another run, recipe, model or setting; --fresh begins anew"
+            "the snapshot belongs to another run, recipe, model or setting; `fresh` begins anew"
         )
     try:
         _restore(header, arrays, detector, intake)
         return set(header["names"])
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
         raise SnapshotError(
-            f"the snapshot does not hold what it must ({error!r}); --fresh begins anew"
+            f"the snapshot does not hold what it must ({error!r}); `fresh` begins anew"
         ) from None
 
 

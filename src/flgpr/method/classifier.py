@@ -192,7 +192,8 @@ def feature_values(features: pd.DataFrame, names: Sequence[str]) -> tuple[FloatA
     missing = [name for name in names if name not in features.columns]
     if missing:
         raise ValueError(
-            f"features must hold the columns the model reads; missing: {', '.join(missing)}"
+            f"features must hold the columns the model reads; missing: "
+            f"{', '.join(missing)}; is it the model of another recipe?"
         )
     values = features[list(names)].to_numpy(dtype=np.float64)
     return values, np.isfinite(values).all(axis=1)

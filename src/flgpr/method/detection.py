@@ -10,7 +10,7 @@ import xarray as xr
 
 from flgpr.engine import group_of
 from flgpr.jit.threads import blas_on_one_thread
-from flgpr.method.estimators import TrainedEstimator
+from flgpr.method.estimators import TrainedEstimator, probability
 from flgpr.method.evidence import Evidence, confidence_contributions, in_order
 from flgpr.method.imaged_run import ImagedRun, array_table
 from flgpr.method.passes.frames import alarms_by_frame
@@ -131,6 +131,8 @@ def assemble(lane: ImagedRun, ranked: RankedAlarms) -> Detection:
             alarms = alarms.assign(**{name: ranked.features[name]})
     if lane.replaces_map:
         alarms = alarms.assign(**{AS_LEARNT: ranked.features[AS_LEARNT]})
+    elif _gives_odds(lane) and not (lane.comparison is not None and lane.comparison.unlike):
+        alarms = alarms.assign(p=[round(probability(odds), 4) for odds in alarms["confidence"]])
     frames = alarms_by_frame(lane) if "frames" in lane.results else None
     entries: dict[str, Any] = {
         "notes": _notes(lane),
@@ -149,6 +151,12 @@ def assemble(lane: ImagedRun, ranked: RankedAlarms) -> Detection:
     return Detection(MAIN, lane.recipe.description, alarms, lane.view(), **entries)
 
 
+def _gives_odds(lane: ImagedRun) -> bool:
+    """Return whether the confidence is the log odds of a mine: only then it is calibrated."""
+    detector = lane.model.detector
+    return isinstance(detector, TrainedEstimator) and detector.linear_in_magnitude
+
+
 def _evidence(lane: ImagedRun, ranked: RankedAlarms) -> Evidence:
     """Return what explains the alarms, in their order."""
     sums = lane.evidence_sums()
@@ -164,8 +172,7 @@ def _contributions(lane: ImagedRun, ranked: RankedAlarms, evidence: Evidence) ->
         return pd.DataFrame({"map": confidence.to_numpy()})
     if detector is None:
         return pd.DataFrame({lane.steps.single: confidence.to_numpy()})
-    linear = isinstance(detector, TrainedEstimator) and detector.linear_in_magnitude
-    if linear and evidence.adds:
+    if _gives_odds(lane) and evidence.adds:
         at_zero, at_one = detector.confidence(pd.DataFrame({"magnitude": [0.0, 1.0]}))
         return confidence_contributions(evidence, at_one - at_zero, confidence)
     return detector.contributions(ranked.features)

@@ -5,6 +5,7 @@ They are trained by their libraries, and a model holds arrays and settings of th
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
@@ -21,11 +22,18 @@ from flgpr.recipe.tables import DetectorTable
 from flgpr.stages.too_few import Change, TooFewExamplesError, check_classes
 from flgpr.types import AnyArray, Arrays, FloatArray
 
+LARGEST_ODDS = 30.0
+"""Of log odds: beyond it the probability no longer changes."""
 LAYOUT = 2
 """Version of the layout of a trained estimator in a model.
 
 The first was a file of skops, which could name what to call.
 """
+
+
+def probability(odds: float) -> float:
+    """Return the probability of log odds."""
+    return 1 / (1 + math.exp(-min(max(odds, -LARGEST_ODDS), LARGEST_ODDS)))
 
 
 @dataclass(frozen=True)
@@ -122,7 +130,7 @@ class TrainedEstimator:
             raise ValueError(
                 f"its detector {str(name)[:60]!r} was written by an earlier version of flgpr, in a "
                 "form that is no "
-                "longer read: train it again with `flgpr train`"
+                "longer read: train it again with `flgpr.train`"
             )
         check_entries(about, ("estimator", "layout", "features", "unlike", "settings"))
         features = checked_names(about["features"])

@@ -15,6 +15,7 @@ from flgpr.method.estimators import TrainedEstimator
 from flgpr.method.unlike import TrainingGround
 from flgpr.recipe.schema import Recipe
 from flgpr.store import Bundle, check_free_folder, sha256, write_bundle
+from flgpr.store.files import taken_for
 from flgpr.store.outputs import atomic_output
 from flgpr.types import AnyArray, Arrays
 
@@ -76,8 +77,8 @@ def unlearnt(recipe: Recipe, model: Model, training: bool = False) -> list[str]:
     if names and not training:
         raise ValueError(
             f"recipe {recipe.name!r} learns ({', '.join(recipe.learning())}) and needs a model: "
-            f"make one with `flgpr train RUN --truth TRUTH --recipe {recipe.name} -o MODEL` "
-            "and give it with --model"
+            f"make one with `flgpr.train` on runs with truth, "
+            "and give it as `model`"
         )
     return names
 
@@ -168,10 +169,12 @@ def read_model(folder: str | Path) -> bytes:
         return Folder(folder).read(MODEL_FILE)
     except FileNotFoundError as error:
         raise ValueError(
-            f"model {folder}: not a whole model: {error.filename} is missing"
+            f"model {folder}: not a whole model: {error.filename} is missing{taken_for(folder)}"
         ) from None
     except NotADirectoryError:
-        raise ValueError(f"model {folder}: not a whole model: it is no folder") from None
+        raise ValueError(
+            f"model {folder}: not a whole model: it is no folder{taken_for(folder)}"
+        ) from None
 
 
 def load_model(folder: str | Path, digest: str | None = None) -> Model:

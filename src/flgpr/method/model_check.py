@@ -83,5 +83,5 @@ def check_sentences(model: Path) -> list[str]:
         return check.sentences()
     except (ValueError, TypeError) as error:
         raise ValueError(
-            f"{model / CHECK_FILE} must be what `flgpr train` wrote, got {error}"
+            f"{model / CHECK_FILE} must be what `flgpr.train` wrote, got {error}"
         ) from None

@@ -109,7 +109,7 @@ class Steps:
     def labelled(self, scan: CleanedImages) -> xr.DataArray:
         """Return the image with each polarization's own gain, with its labels, axes and pose."""
         image = self._blank.copy(deep=False, data=scan.own)
-        image.attrs = {"scan": scan.number, "pose": scan.pose.tolist()}
+        image.attrs |= {"scan": scan.number, "pose": scan.pose.tolist()}
         return image
 
     # The axes are made once: the viewer's explanations and the stages ask for every scan.

@@ -6,3 +6,34 @@ POLARIZATIONS = ("HH", "HV", "VH", "VV")
 """Transmitted, then received."""
 AXES = ("x", "y", "z")
 POSE_COMPONENTS = ("x", "y", "z", "heading", "pitch", "roll")
+VARIABLE_ATTRS = {
+    "signal": {"units": "1", "long_name": "received field over transmitted field"},
+    "valid": {"units": "1", "long_name": "whether a sweep is finite, and so used"},
+    "pose": {
+        "units": "m m m rad rad rad",
+        "long_name": "x, y, z, heading, pitch, roll of the vehicle frame in the lane frame",
+    },
+    "tx_position": {
+        "units": "m",
+        "long_name": "x, y, z of a pair's transmitting antenna in the vehicle frame",
+    },
+    "rx_position": {
+        "units": "m",
+        "long_name": "x, y, z of a pair's receiving antenna in the vehicle frame",
+    },
+    "frequency": {"units": "Hz", "long_name": "frequency", "standard_name": "radiation_frequency"},
+    "time": {"units": "s", "long_name": "time of the scan"},
+    "polarization": {"long_name": "transmitted and received polarization"},
+}
+"""Units and names of a run's variables, by the CF conventions where these have a word for them."""
+IMAGE_ATTRS = {
+    "image": {"units": "1", "long_name": "focused field, received over transmitted"},
+    "run_view": {"units": "1", "long_name": "magnitude of the run-view"},
+    "looks": {"units": "1", "long_name": "number of scans that see the pixel"},
+    "x": {"units": "m", "long_name": "x cross-track, right positive"},
+    "y": {"units": "m", "long_name": "y down-track, forward positive"},
+    "z": {"units": "m", "long_name": "z above the mean ground"},
+    "subband": {"long_name": "sub-band"},
+    "polarization": VARIABLE_ATTRS["polarization"],
+}
+"""The same of images and run-views."""

@@ -1,19 +1,32 @@
-"""The run: raw stepped-frequency multistatic data of one pass over a lane."""
+"""The run: raw stepped-frequency multistatic data of one pass over a lane.
+
+Examples
+--------
+>>> import numpy as np
+>>> from flgpr.model import make_run
+>>> frequency = 0.5e9 + 5e6 * np.arange(64)  # Hz
+>>> antennas = [[-0.5, 0.0, 0.0], [0.5, 0.0, 0.0]]  # m in the vehicle frame, a row per pair
+>>> pose = [[0, 0, 1.5, 0, 0, 0], [0, 0.5, 1.5, 0, 0, 0]]  # x, y, z, heading, pitch, roll
+>>> run = make_run(np.zeros((2, 1, 2, 64)), frequency, ["VV"], antennas, antennas, pose)
+>>> dict(run["signal"].sizes)
+{'scan': 2, 'polarization': 1, 'pair': 2, 'frequency': 64}
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib import import_module
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import xarray as xr
 
-from flgpr.model.constants import AXES, POLARIZATIONS, POSE_COMPONENTS
+from flgpr.model.constants import AXES, POLARIZATIONS, POSE_COMPONENTS, VARIABLE_ATTRS
 from flgpr.types import AnyArray, ArrayLike, BoolArray, ComplexArray, FloatArray, IndexArray, floats
 
 # Hz; smaller numbers are in another unit, for no ground-penetrating radar works there
 _LOWEST_FREQUENCY = 1e6
+Described = TypeVar("Described", xr.Dataset, xr.DataArray)
 # Poses and times of runs of one vehicle agree to so much, m and rad, and s.
 _POSE_TOLERANCE = 1e-6
 _MOST_LABELS = 8  # of polarizations that an error shows
@@ -42,9 +55,8 @@ def make_run(
     Parameters
     ----------
     signal : (scan, polarization, pair, frequency) array_like of complex
-        Received field over transmitted field, arbitrary common scale. A sweep that holds a value
-        which is not finite counts as missing: it is kept as it is and flagged in ``valid``. So do
-        the sweeps of a scan of zeros alone, unless all scans are.
+        Received field over transmitted field. Sweeps with values that are not finite are missing, and
+        so are those of a scan of zeros beside other scans.
     frequency : (frequency,) array_like
         Tones in Hz, strictly increasing; they need not be uniform.
     polarization : (polarization,) array_like of str
@@ -68,17 +80,6 @@ def make_run(
     ------
     ValueError
         If a parameter breaks its rule.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from flgpr.model import make_run
-    >>> frequency = 0.5e9 + 5e6 * np.arange(64)  # Hz
-    >>> antennas = [[-0.5, 0.0, 0.0], [0.5, 0.0, 0.0]]  # m in the vehicle frame, a row per pair
-    >>> pose = [[0, 0, 1.5, 0, 0, 0], [0, 0.5, 1.5, 0, 0, 0]]  # x, y, z, heading, pitch, roll
-    >>> run = make_run(np.zeros((2, 1, 2, 64)), frequency, ["VV"], antennas, antennas, pose)
-    >>> dict(run["signal"].sizes)
-    {'scan': 2, 'polarization': 1, 'pair': 2, 'frequency': 64}
     """
     data = _checked_signal(signal)
     scans, polarizations, pairs, tones = data.shape
@@ -87,7 +88,7 @@ def make_run(
         raise ValueError("signal must hold at least one sweep of finite values, got none")
     if data.any():
         valid = measured_sweeps(data)
-    return xr.Dataset(
+    run = xr.Dataset(
         data_vars={
             "signal": (("scan", "polarization", "pair", "frequency"), data),
             "valid": (("scan", "polarization", "pair"), valid),
@@ -104,6 +105,16 @@ def make_run(
         },
         attrs=dict(attrs or {}),
     )
+    return described(run, VARIABLE_ATTRS)
+
+
+def described(data: Described, attrs: Mapping[str, Mapping[str, str]]) -> Described:
+    """Give the variables of a run or an image their units and names, by which they are plotted."""
+    if isinstance(data, xr.DataArray):
+        data.attrs.update(attrs.get(str(data.name), {}))
+    for name in data.variables if isinstance(data, xr.Dataset) else data.coords:
+        data[name].attrs.update(attrs.get(str(name), {}))
+    return data
 
 
 def _checked_signal(signal: ArrayLike) -> ComplexArray:
@@ -210,7 +221,9 @@ def complete_scan_numbers(run: xr.Dataset) -> IndexArray:
 
 def with_signal(run: xr.Dataset, signal: AnyArray) -> xr.Dataset:
     """Return a run with another signal of the same shape, in the precision of its own."""
-    return run.assign(signal=(run["signal"].dims, signal.astype(run["signal"].dtype, copy=False)))
+    of_run = run["signal"]
+    signal = signal.astype(of_run.dtype, copy=False)
+    return run.assign(signal=(of_run.dims, signal, of_run.attrs))
 
 
 def _positions(value: ArrayLike, name: str, pairs: int) -> FloatArray:

@@ -48,6 +48,13 @@ ALARM_COLUMNS = (
     full_column("confidence", "1", "higher means more like a mine; no absolute scale"),
     Column("magnitude", "number", "1", "run-view magnitude over the gain background at the alarm"),
     Column("scans", "number", "1", "number of scans that saw the alarm and entered its confidence"),
+    Column(
+        "p",
+        "number",
+        "1",
+        "probability of a mine where mines are as frequent as in training, of recipes whose "
+        "confidence is its log odds",
+    ),
     _lane_of("alarm"),
 )
 TRUTH_COLUMNS = (

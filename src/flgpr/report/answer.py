@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Hashable, Mapping
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from flgpr.model import Lane
@@ -24,9 +23,6 @@ def places_that_stand_out(result: Result) -> list[list[str]]:
     if border is None:
         return []
     outstanding = outstanding_alarms(result.alarms, result.lane, border)
-    learnt = None if stands_out.get("source") == "tail" else result.model()
-    detector = None if learnt is None else learnt.detector
-    gives_odds = bool(getattr(detector, "linear_in_magnitude", False))
     rows = []
     for rank, alarm in enumerate(outstanding[:MOST_PLACES].to_dict("records"), 1):
         side = "left" if alarm["x"] < 0 else "right"
@@ -36,7 +32,7 @@ def places_that_stand_out(result: Result) -> list[list[str]]:
                 str(rank),
                 str(alarm["alarm_id"]),
                 place,
-                alarm_sentence(alarm, result.lane, border, gives_odds),
+                alarm_sentence(alarm, result.lane, border),
             ]
         )
     return rows
@@ -47,9 +43,7 @@ def outstanding_alarms(alarms: pd.DataFrame, lane: Lane, border: float) -> pd.Da
     return alarms[lane.contains(alarms["x"], alarms["y"]) & (alarms["confidence"] >= border)]
 
 
-def alarm_sentence(
-    alarm: Mapping[Hashable, Any], lane: Lane, border: float, gives_odds: bool = False
-) -> str:
+def alarm_sentence(alarm: Mapping[Hashable, Any], lane: Lane, border: float) -> str:
     """Return why an alarm stands out, and what speaks against it.
 
     Parameters
@@ -60,8 +54,6 @@ def alarm_sentence(
         The lane.
     border : float
         Confidence from which on alarms stand out.
-    gives_odds : bool
-        Whether the confidence is the log odds of a mine.
 
     Returns
     -------
@@ -70,10 +62,8 @@ def alarm_sentence(
     """
     confidence = float(alarm["confidence"])
     parts = [f"confidence {confidence:.3g} ({border:.3g} suffices)"]
-    if gives_odds:
-        parts = [
-            f"probability {1 / (1 + np.exp(-confidence)):.2f} where mines are as frequent as in training"
-        ]
+    if not pd.isna(alarm.get("p")):
+        parts = [f"probability {alarm['p']:.2f} where mines are as frequent as in training"]
     scans = alarm.get("scans")
     if scans is not None and not pd.isna(scans):
         seen = f"seen by {scans:.0f} scans"

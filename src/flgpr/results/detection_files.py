@@ -16,6 +16,8 @@ import xarray as xr
 from flgpr.archive import Archive
 from flgpr.door import Folder
 from flgpr.method.detection import MAIN, Detection
+from flgpr.model.constants import IMAGE_ATTRS
+from flgpr.model.run import described
 from flgpr.results.errors import ResultError
 from flgpr.store import sha256
 from flgpr.store.files import write_whole
@@ -174,7 +176,8 @@ def parse_view(data: bytes) -> xr.DataArray:
         labels[name] = [str(label) for label in arrays[name]]
     coords = {**labels, "y": arrays["y"], "x": arrays["x"], "looks": (("y", "x"), arrays["looks"])}
     dims = ("polarization", "subband", "y", "x")
-    return xr.DataArray(arrays["magnitude"], dims=dims, coords=coords, name="run_view")
+    view = xr.DataArray(arrays["magnitude"], dims=dims, coords=coords, name="run_view")
+    return described(view, IMAGE_ATTRS)
 
 
 def _frames_bytes(alarms: pd.DataFrame, poses: Mapping[int, FloatArray]) -> bytes:

@@ -12,7 +12,7 @@ from flgpr.json_text import check_format
 from flgpr.results.description import check_description, check_origin
 from flgpr.results.errors import ResultError
 from flgpr.store import canonical_json, json_with_digest, sha256
-from flgpr.store.files import read_with_digest
+from flgpr.store.files import read_with_digest, taken_for
 
 FORMAT = "flgpr-result"
 VERSION = 2
@@ -73,7 +73,8 @@ def reading(folder: Path, name: str, kind: str = "result folder") -> Iterator[No
         raise
     except OSError as error:
         reason = "is missing" if isinstance(error, FileNotFoundError) else f"gives {error.strerror}"
-        raise ResultError(f"{folder}: not a complete {kind}: {error.filename} {reason}") from None
+        told = f"{folder}: not a complete {kind}: {error.filename} {reason}{taken_for(folder)}"
+        raise ResultError(told) from None
     except DoorError as error:
         raise ResultError(str(error)) from None
     except (KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:

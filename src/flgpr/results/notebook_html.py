@@ -28,7 +28,7 @@ _ROWS = 10  # of the table
 def detection_html(main: Detection, lane: Lane, run_title: str) -> str:
     """Return a detection in a lane as HTML."""
     summary = f"{len(main.alarms)} alarms in {lane.area:.0f} m² of {run_title}"
-    figure, _ = _lane_figure(main, lane)
+    figure, _ = draw_detection(main, lane)
     columns = [name for name in ("x", "y", "confidence") if name in main.alarms]
     strongest = main.alarms.sort_values("confidence", ascending=False)[columns].head(_ROWS)
     picture = picture_html(figure, "run-view with alarms")
@@ -50,7 +50,7 @@ def outcomes_html(sentence: str, outcomes: pd.DataFrame, main: Detection, lane: 
     lane : Lane
         The lane.
     """
-    figure, axes = _lane_figure(main, lane)
+    figure, axes = draw_detection(main, lane)
     is_found = outcomes["found"].to_numpy(dtype=bool)
     found = outcomes[is_found]
     missed = outcomes[~is_found]
@@ -119,8 +119,11 @@ def side_by_side_html(picture: str, table: str) -> str:
     return f'<div style="display:flex;flex-wrap:wrap;gap:2em">{picture}<div>{table}</div></div>'
 
 
-def _lane_figure(detection: Detection, lane: Lane) -> tuple[Figure, Axes]:
-    """Draw the first channel of the run-view, dB below its peak, with the alarms."""
+def draw_detection(detection: Detection, lane: Lane, axes: Axes | None = None) -> tuple[Any, Axes]:
+    """Draw the first channel of the run-view, dB below its peak, with the alarms.
+
+    By default into a new figure.
+    """
     from matplotlib.figure import Figure
 
     view = detection.view[0, 0]
@@ -130,8 +133,7 @@ def _lane_figure(detection: Detection, lane: Lane) -> tuple[Figure, Axes]:
         decibel = 20 * np.log10(level / peak)
     x = view["x"].values
     y = view["y"].values
-    figure = Figure(figsize=(3.5, 5.0), layout="constrained")
-    axes = figure.subplots()
+    axes = axes or Figure(figsize=(3.5, 5.0), layout="constrained").subplots()
     extent = (float(x[0]), float(x[-1]), float(y[0]), float(y[-1]))
     axes.imshow(decibel, "gray", extent=extent, origin="lower", vmin=-_RANGE, vmax=0)
     alarms = detection.alarms
@@ -142,4 +144,4 @@ def _lane_figure(detection: Detection, lane: Lane) -> tuple[Figure, Axes]:
         xlabel="x cross-track (m)",
         ylabel="y down-track (m)",
     )
-    return figure, axes
+    return axes.figure, axes

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -21,7 +21,9 @@ from flgpr.door import Folder, Version, added_versions, listed_files
 from flgpr.method.detection import MAIN, Detection
 from flgpr.method.model import MODEL_FILE, Detector, Model, as_model, load_model, save_model
 from flgpr.model import Lane
+from flgpr.model.constants import IMAGE_ATTRS
 from flgpr.model.printable import text_bytes
+from flgpr.model.run import described
 from flgpr.recipe.schema import Recipe, parse_recipe
 from flgpr.results.detection_files import parse_detection, read_detection_files, write_detection
 from flgpr.results.manifest import (
@@ -38,6 +40,9 @@ from flgpr.results.view_files import plain_json, write_view
 from flgpr.store import sha256
 from flgpr.store.files import check_free_folder, write_whole
 from flgpr.store.outputs import atomic_output, locked_folder
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 MODEL = "model"
 """Folder of the model inside a result."""
@@ -71,6 +76,20 @@ class Result:
         if name not in self.manifest["files"]:
             return None
         return load_model(self.files().path(MODEL), self.manifest["files"][name])
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the run-view of the result's own recipe with its alarms, by default into a new figure."""
+        from flgpr.results.notebook_html import draw_detection
+
+        return draw_detection(self.detections[0], self.lane, ax)[1]
+
+    def score(self, truth: str | Path | pd.DataFrame, **options: Any) -> Any:
+        """Score the result against truth; options and what is returned are those of ``flgpr.score``."""
+        return flgpr.score(self, truth, **options)
+
+    def view(self, **options: Any) -> Any:
+        """Show the result in the viewer; options and what is returned are those of ``flgpr.view``."""
+        return flgpr.view(self, **options)
 
     def _repr_html_(self) -> str:
         from flgpr.results.notebook_html import detection_html
@@ -311,7 +330,8 @@ def thinned(view: xr.DataArray, step: int) -> xr.DataArray:
     values = np.fmax.reduceat(view.values, rows, axis=view.get_axis_num("y"))
     coords = {str(name): view[name].values for name in view.dims}
     coords["y"] = middle
-    return xr.DataArray(values, dims=view.dims, coords=coords, name=view.name)
+    coarse = xr.DataArray(values, dims=view.dims, coords=coords, name=view.name)
+    return described(coarse, IMAGE_ATTRS)
 
 
 def _thinned_view(view: xr.DataArray, step: int) -> xr.DataArray:

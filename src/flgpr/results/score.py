@@ -109,7 +109,7 @@ def score_by_frames(result: Result, truth: pd.DataFrame, far: float = Rules.far)
     if main.frames is None:
         raise ValueError(
             'score.area must be "frames" when the run is detected, so that the alarms of every '
-            "frame are stored, got a result without them; run flgpr detect again"
+            "frame are stored, got a result without them; run `flgpr.detect` again"
         )
     rules = Rules(halo=result.recipe.score.halo, far=far)
     title = f"{main.title}, every frame counts its area"
@@ -260,7 +260,7 @@ def read_scored_truth(
         return truth, objects
     except (ValueError, KeyError, TypeError) as error:
         path = files.root / VIEW_SCORE
-        raise ValueError(f"{path}: it {error}; run flgpr score again") from None
+        raise ValueError(f"{path}: it {error}; run `flgpr.score` again") from None
 
 
 def depth_class_bounds(truth: pd.DataFrame) -> list[tuple[str, tuple[float, float]]]:

@@ -1,6 +1,23 @@
 """ROC of an alarm list against a lane's truth, by the six rules of Wang et al. 2007.
 
 Tables also say which alarm found which target.
+
+Examples
+--------
+>>> import pandas as pd
+>>> from flgpr.model import Lane
+>>> from flgpr.scoring import roc
+>>> alarms = pd.DataFrame({"x": [0.2, 1.0, -1.1], "y": [10.3, 44.0, 30.1]})
+>>> alarms["confidence"] = [3, 2, 1]
+>>> truth = pd.DataFrame({"target_id": ["a", "b"], "x": [0.0, -1.0], "y": [10.0, 30.0]})
+>>> truth = truth.assign(kind="metal", depth=0.05)
+>>> curve = roc(alarms, truth, Lane(-2.0, 2.0, 0.0, 60.0), halo=1.0)
+>>> curve[["threshold", "pd", "far", "n_detected", "n_false"]].round(4)
+   threshold   pd     far  n_detected  n_false
+0        inf  0.0  0.0000           0        0
+1        3.0  0.5  0.0000           1        0
+2        2.0  0.5  0.0043           1        1
+3        1.0  1.0  0.0043           2        1
 """
 
 from __future__ import annotations
@@ -36,73 +53,37 @@ def roc(
 ) -> pd.DataFrame:
     """Compute the ROC of an alarm list (Wang et al. 2007, Sec. II-F, rules 1 to 6).
 
-    The first row is the threshold +inf, where nothing is declared. One row follows for every
-    distinct confidence of the table, falling; alarms at or above the threshold are declared, so
-    that ties are one step. All subsets of one truth therefore share their thresholds.
+    The first row is the threshold +inf, where nothing is declared; one row follows for every
+    distinct confidence of the table, so that ties are one step, and subsets share thresholds.
 
     Parameters
     ----------
     alarms, truth : DataFrame
-        Alarm table and truth table; with several lanes they name them in the column ``lane``.
+        Alarm table and truth table; several lanes are named in the column ``lane``.
     lane : Lane, mapping, Series or DataFrame
-        The scored lane, or several by name, see :func:`flgpr.scoring.as_lanes`.
-    halo : float
-        Halo size, m; its border is within.
-    subset : None, str, sequence, mapping or callable
-        Targets to score, see :func:`flgpr.scoring.select_targets`. Alarms in the halo of any known
-        target are never false, and the area stays that of all known targets (rules 5 and 6).
-    area : {"union", "paper", "frames"}
-        FAR area: lane less the exact union of halos clipped to it; lane less N·π·r² (rule 6); or
-        ``frame_area``.
-    frame_area : float, optional
-        Area accumulated over all frames, m² (Fuse et al. 2018), see
-        :func:`flgpr.scoring.accumulated_area`.
-    halo_as : {"radius", "diameter"}
-        What ``halo`` is: a radius (Wang et al. 2007) or a diameter (Fuse et al. 2018).
+        The scored lane, or several by name, see ``flgpr.scoring.as_lanes``.
+    halo, halo_as : float, {"radius", "diameter"}
+        Size of the halo, m, whose border is within, and what it is (a diameter in Fuse et al.).
+    subset, shared : None, str, sequence, mapping or callable; {"drop", "count"}
+        Targets to score (``select_targets``; rules 5 and 6), and whether an alarm near another
+        target is dropped or may detect one of them, so that it is found alike in every subset.
+    area, frame_area : {"union", "paper", "frames"}, float
+        Lane less the union of halos; lane less N·π·r²; ``frame_area``, m², of all frames.
     assignment : {"halo", "nearest"}
         Whether an alarm detects every target in reach or only the nearest.
-    shared : {"drop", "count"}
-        With a subset: what becomes of an alarm in the halo of a target outside it. By default it is
-        neither detection nor false alarm (rule 5), even where it is in the halo of a target of the
-        subset too. "count" lets it detect that one, so that a target is found or missed alike in
-        every subset.
-    refraction : Refraction, optional
-        Move buried targets to where focusing on the surface shows them. Off by default, as in the
-        papers.
-    survey_error : float, optional
-        Standard deviation of the surveyed positions per axis, m; it changes no count, ``attrs``
-        tell its share of the halo.
-    level : float
-        Level of the exact intervals of each row, Clopper-Pearson for Pd and Poisson for FAR.
+    refraction, survey_error, level : Refraction, float, float
+        Moves buried targets to their images; survey's deviation per axis, m; of exact intervals.
 
     Returns
     -------
     DataFrame
-        ``threshold``, ``pd``, ``far`` (per m²), ``n_detected``, ``n_false``, ``pd_low``,
-        ``pd_high``, ``far_low``, ``far_high``, ``n_targets``, ``area`` (m²); ``attrs`` name the
-        convention and all choices. Without targets ``pd`` is NaN.
+        ``threshold``, ``pd`` (NaN without targets), ``far`` (per m²), their intervals, counts and
+        ``area`` (m²); ``attrs`` name the convention and all choices.
 
     Raises
     ------
     ValueError
         If a table, the lane or an option is not valid, or the area is not positive.
-
-    Examples
-    --------
-    >>> import pandas as pd
-    >>> from flgpr.model import Lane
-    >>> from flgpr.scoring import roc
-    >>> alarms = pd.DataFrame({"x": [0.2, 1.0, -1.1], "y": [10.3, 44.0, 30.1]})
-    >>> alarms["confidence"] = [3, 2, 1]
-    >>> truth = pd.DataFrame({"target_id": ["a", "b"], "x": [0.0, -1.0], "y": [10.0, 30.0]})
-    >>> truth = truth.assign(kind="metal", depth=0.05)
-    >>> curve = roc(alarms, truth, Lane(-2.0, 2.0, 0.0, 60.0), halo=1.0)
-    >>> curve[["threshold", "pd", "far", "n_detected", "n_false"]].round(4)
-       threshold   pd     far  n_detected  n_false
-    0        inf  0.0  0.0000           0        0
-    1        3.0  0.5  0.0000           1        0
-    2        2.0  0.5  0.0043           1        1
-    3        1.0  1.0  0.0043           2        1
     """
     matched = match(
         alarms, truth, lane, halo, halo_as=halo_as, assignment=assignment, refraction=refraction
@@ -205,7 +186,8 @@ def far_area(matched: Match, area: AreaRule, frame_area: float | None = None) ->
     if not total > 1e-9 * lanes:
         raise ValueError(
             f"area must be positive, got {total:g} m² by the rule {area!r}: "
-            f"{len(matched.truth)} halos of radius {matched.halo:g} m in {lanes:g} m² of lane"
+            f"{len(matched.truth)} halos of radius {matched.halo:g} m in {lanes:g} m² of lane; "
+            "is the halo in metres?"
         )
     return total
 

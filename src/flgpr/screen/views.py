@@ -11,6 +11,8 @@ import xarray as xr
 
 from flgpr.kernels.sampling import bilinear
 from flgpr.model import Grid, lane_to_scan, scan_to_lane
+from flgpr.model.constants import IMAGE_ATTRS
+from flgpr.model.run import described
 from flgpr.types import AnyArray, Arrays, BoolArray, Float32Array, FloatArray, IntArray
 
 
@@ -421,7 +423,7 @@ def view_array(
     xarray.DataArray
         The run-view, named ``run_view``.
     """
-    return xr.DataArray(
+    labelled = xr.DataArray(
         view,
         dims=(*channels, "y", "x"),
         coords={
@@ -432,6 +434,7 @@ def view_array(
         },
         name="run_view",
     )
+    return described(labelled, IMAGE_ATTRS)
 
 
 def grid_of(image: xr.DataArray) -> Grid:

@@ -124,7 +124,7 @@ def check_effort(scene: Scene, sensor: Sensor | None = None, force: bool = False
     raise ValueError(
         f"scene {scene.name!r} must take at most {MOST_MEMORY / 1e9:g} GB and {MOST_HOURS:g} "
         f"hours, got {effort.memory / 1e9:.3g} GB and {hours:.3g} hours ({counts}); "
-        "--force goes beyond"
+        "`force` goes beyond"
     )
 
 

@@ -159,7 +159,7 @@ class MaskedSuppression(ClutterStage):
         if learnt is not None and ("second" in learnt) != (self._second is not None):
             word = "was trained with" if "second" in learnt else "was trained without"
             raise ValueError(
-                f"model {word} a second band: give the runs as in training (--with "
+                f"model {word} a second band: give the runs as in training (`others`, "
                 f"{settings.second or 'NAME'}=RUN)"
             )
 

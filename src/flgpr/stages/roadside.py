@@ -81,6 +81,16 @@ class RoadsideModel:
         self.settings = settings
         self.setup = setup
         self.read = read
+        if self._farthest_seen() <= setup.lane.y_min:
+            raise ValueError(
+                f"lane must lie where scans see it, y up to {self._farthest_seen():g} m, got y from "
+                f"{setup.lane.y_min:g} m: look at its borders, and at the run's positions"
+            )
+
+    def _farthest_seen(self) -> float:
+        """Return how far along the lane images reach, m."""
+        poses = self.setup.run["pose"].values[self.setup.imager.scans]
+        return float(self.setup.imager.grid.y[-1] + poses[:, 1].max())
 
     def passes(self) -> list[PlannedPass]:
         """Return the pass that finds the mask, and that which fits what lies under it."""
@@ -137,7 +147,7 @@ class RoadsideModel:
         # As wide as any scan sees, for a vehicle that heads along the lane.
         left = pixels.x_min + poses[:, 0].min()
         right = pixels.x[-1] + poses[:, 0].max()
-        farthest = min(lane.y_max, pixels.y[-1] + poses[:, 1].max())
+        farthest = min(lane.y_max, self._farthest_seen())
         grid = Grid.spanning((left, right), (lane.y_min, farthest), settings.spacing)
         sums = RunViewSums(grid, np.inf)
 

@@ -312,7 +312,7 @@ def column_targets(
             choices = " or ".join(repr(names[number]) for number in chosen)
             raise ValueError(
                 f"{target} could be the column {choices}: "
-                f"say which by --columns {target}={names[chosen[0]]}"
+                f"say which by `columns` {target}={names[chosen[0]]}"
             )
         targets[chosen[0]] = target
     for target, column in columns.items():

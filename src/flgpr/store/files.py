@@ -11,6 +11,7 @@ import shutil
 import stat
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -26,6 +27,23 @@ PARTIAL_PREFIX = ".partial-"
 """Before the name of an output, for the folder in which it is made."""
 _LFS = b"version https://git-lfs.github.com/spec/v1"
 _LARGEST_POINTER = 1024  # bytes, by Git LFS's specification
+_FOREIGN = {
+    _LFS: "a pointer of Git LFS to a file that was not fetched: git lfs pull",
+    b"PK\x03\x04": "a ZIP archive or an Excel file: unpack it, or save the sheet as CSV",
+    b"\xd0\xcf\x11\xe0": "an Excel file: save the sheet as CSV",
+    b"\x89PNG": "a picture: give the data that it was drawn of",
+    b"\xff\xd8\xff": "a picture: give the data that it was drawn of",
+    b"%PDF": "a PDF: give the data that it was made of",
+    b"\x1f\x8b": "compressed by gzip: unpack it",
+}
+_FOLDERS = {
+    "commit.json": "a run: `flgpr.detect` makes a result of it",
+    "manifest.json": "a result: `flgpr.view` shows it, `flgpr.score` scores it",
+    "model.bundle": "a model: `flgpr.detect` takes it as `model`",
+    "roc.json": "a score: `flgpr.view` shows it",
+}
+"""What a folder is by a name in it."""
+_MOST_ENTRIES = 1000  # of a folder that are looked at
 
 
 def natural_order(path: Path) -> list[tuple[int, str]]:
@@ -68,6 +86,33 @@ def existing(path: str | Path, what: str = "file") -> Path:
             "save what it gives to a file"
         )
     raise FileNotFoundError(f"{what} not found: {path}")
+
+
+def taken_for(path: str | Path) -> str:
+    """Return what lies at a path in the place of what was asked for, and what it is for.
+
+    It is the end of an error: " (a result: `flgpr.view` shows it)"; "" where nobody can say.
+    """
+    path = Path(path)
+    found = ""
+    if path.is_file():
+        with suppress(OSError, ValueError), open_named(path) as file:
+            found = foreign_content(file.read(_LARGEST_POINTER))
+        if not found and path.suffix.lower() in (".csv", ".txt"):
+            found = "a table: alarms and truth are for `flgpr.score`"
+    elif path.is_dir():
+        folder = Folder(path)
+        found = next((what for name, what in _FOLDERS.items() if folder.has(name)), "")
+        if not found:
+            inside = (entry for entry in islice(path.iterdir(), _MOST_ENTRIES) if entry.is_dir())
+            names = [one.name for one in inside if any(Folder(one).has(name) for name in _FOLDERS)]
+            found = f"a folder that holds {', '.join(sorted(names))}: name it" if names else ""
+    return f" ({found})" if found else ""
+
+
+def foreign_content(head: bytes) -> str:
+    """Return what a file is by its first bytes, and what to do with it; "" for any other."""
+    return next((what for magic, what in _FOREIGN.items() if head.startswith(magic)), "")
 
 
 def _refuse_pointer(path: Path, what: str) -> None:

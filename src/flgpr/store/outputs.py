@@ -29,7 +29,7 @@ from flgpr.store.files import (
 
 _LOG = logging.getLogger("flgpr.outputs")
 DELETE = "delete it to make it again"
-OVERWRITE = "--overwrite makes it again"
+OVERWRITE = "`overwrite` makes it again"
 
 
 class BusyError(ValueError):

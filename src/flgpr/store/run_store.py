@@ -25,6 +25,9 @@ from xarray.core import indexing
 from flgpr.door import MOST_CHECKED, MOST_JSON, DoorError, Folder, Listed
 from flgpr.json_text import canonical_json, parse_json, sha256
 from flgpr.model import AXES, POSE_COMPONENTS, check_run
+from flgpr.model.constants import VARIABLE_ATTRS
+from flgpr.model.run import described
+from flgpr.store.files import taken_for
 from flgpr.store.store_layout import DIMS, MAX_MEMORY, ArrayLayout, check_declared
 from flgpr.types import AnyArray
 
@@ -191,7 +194,8 @@ def _decode(files: CommittedFiles, max_memory: int) -> xr.Dataset:
         "component": ("component", list(POSE_COMPONENTS)),
     }
     variables = {name: arrays[name] for name in _VARIABLES}
-    return check_run(xr.Dataset(variables, coords, dict(attrs["attrs"])))
+    run = xr.Dataset(variables, coords, dict(attrs["attrs"]))
+    return described(check_run(run), VARIABLE_ATTRS)
 
 
 def _lazy(stored: _StoredArray) -> Any:
@@ -249,7 +253,7 @@ def _no_folder_error(root: Path) -> OSError | RunStoreError:
             f"{root}: writing stopped before the run was committed; {partial} has what was written"
         )
     reason = "which is no folder" if root.exists() else "which does not exist"
-    return FileNotFoundError(f"path must be a run store, got {root}, {reason}")
+    return FileNotFoundError(f"path must be a run store, got {root}, {reason}{taken_for(root)}")
 
 
 def _read_unaltered_manifest(root: Path) -> dict[str, Any]:
@@ -263,6 +267,7 @@ def _read_unaltered_manifest(root: Path) -> dict[str, Any]:
     except FileNotFoundError:
         raise RunStoreError(
             f"{root}: no {MANIFEST}: this is no run store, or writing it was interrupted"
+            f"{taken_for(root)}"
         ) from None
     except (ValueError, KeyError, AttributeError, TypeError, OSError) as error:
         raise RunStoreError(

@@ -18,6 +18,7 @@ import xarray as xr
 from flgpr.door import DoorError, Folder, refuse_links
 from flgpr.json_text import canonical_json, parse_json, sha256
 from flgpr.model import check_run, make_run
+from flgpr.model.constants import VARIABLE_ATTRS
 from flgpr.model.run import check_poses, measured_sweeps
 from flgpr.store.files import (
     PARTIAL,
@@ -44,7 +45,7 @@ from flgpr.store.run_store import (
     RunStoreError,
     manifest_bytes,
 )
-from flgpr.store.store_layout import DIMS, VARIABLE_ATTRS, consolidated_group
+from flgpr.store.store_layout import DIMS, consolidated_group
 from flgpr.types import ArrayLike, BoolArray, ComplexArray, FloatArray, floats
 
 GROUP = "zarr.json"

@@ -25,26 +25,6 @@ DIMS = {
     "frequency": ("frequency",),
     "time": ("scan",),
 }
-VARIABLE_ATTRS = {
-    "signal": {"units": "1", "long_name": "received field over transmitted field"},
-    "valid": {"units": "1", "long_name": "whether a sweep is finite, and so used"},
-    "pose": {
-        "units": "m m m rad rad rad",
-        "long_name": "x, y, z, heading, pitch, roll of the vehicle frame in the lane frame",
-    },
-    "tx_position": {
-        "units": "m",
-        "long_name": "x, y, z of a pair's transmitting antenna in the vehicle frame",
-    },
-    "rx_position": {
-        "units": "m",
-        "long_name": "x, y, z of a pair's receiving antenna in the vehicle frame",
-    },
-    "frequency": {"units": "Hz", "long_name": "frequency", "standard_name": "radiation_frequency"},
-    "time": {"units": "s", "long_name": "time of the scan"},
-    "polarization": {"long_name": "transmitted and received polarization"},
-}
-"""Units and names of a run's variables, by the CF conventions where these have a word for them."""
 _KINDS = {name: "float64" for name in DIMS} | {"signal": "complex64", "valid": "bool"}
 _WIDTHS = {"complex64": 8, "float64": 8, "bool": 1}
 _CHUNK_KEYS = {"name": "default", "configuration": {"separator": "/"}}

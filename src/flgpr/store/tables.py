@@ -31,7 +31,7 @@ from flgpr.store.dialects import (
     separator_of,
     without_comments,
 )
-from flgpr.store.files import existing, write_whole
+from flgpr.store.files import existing, foreign_content, write_whole
 from flgpr.store.notes import log_note
 from flgpr.store.text import decode_text
 from flgpr.toml_text import parse_toml
@@ -142,6 +142,8 @@ def parse_table(
         If the table is not valid.
     """
     with faults_of(path):
+        if foreign := foreign_content(data):
+            raise ValueError(f"{kind} must be a table as text (CSV), got {foreign}")
         if reading is None and _is_own_dialect(data, kind):
             table = parse_columns(data, *_ID_COLUMNS)
             if kind == "alarms":
@@ -269,7 +271,7 @@ def _require_confidences(table: pd.DataFrame) -> None:
     """Refuse alarms without confidences, and name the way to score them all the same."""
     if not {"x", "y"} <= set(table.columns):
         return  # the check of all columns names what is missing
-    unranked_hint = "flgpr score --unranked takes such a list and ranks all its alarms equal"
+    unranked_hint = "`unranked` takes such a list and ranks all its alarms equal"
     if "confidence" not in table.columns:
         names = ", ".join(map(str, table.columns))
         raise ValueError(f"alarms must have the columns confidence; got {names}; {unranked_hint}")

@@ -68,7 +68,7 @@ def parse_verdicts(data: bytes, path: Path) -> list[dict[str, Any]]:
     try:
         return check_verdicts(parse_json(data))
     except ValueError as error:
-        raise ValueError(f"{path}: not verdicts of flgpr view ({error})") from None
+        raise ValueError(f"{path}: not verdicts of `flgpr.view` ({error})") from None
 
 
 def verdict_bytes(notes: list[dict[str, Any]]) -> bytes:

@@ -15,7 +15,7 @@ import xarray as xr
 from xarray.backends import BackendEntrypoint
 
 from flgpr.store.run_store import open_run, read_manifest
-from flgpr.store.store_layout import MAX_MEMORY, VARIABLE_ATTRS
+from flgpr.store.store_layout import MAX_MEMORY
 
 
 class RunStoreBackend(BackendEntrypoint):
@@ -55,8 +55,6 @@ class RunStoreBackend(BackendEntrypoint):
             If the store was not committed, is damaged, leads out of its folder or breaks a rule.
         """
         run = open_run(Path(filename_or_obj), max_memory)
-        for name, attrs in VARIABLE_ATTRS.items():
-            run[name].attrs.update(attrs)
         if drop_variables is None:
             return run
         dropped = [drop_variables] if isinstance(drop_variables, str) else list(drop_variables)

@@ -216,7 +216,7 @@ class Viewer:
             georeference = georeference or index.get("georeference")
         if georeference is None or not indices:
             raise ValueError(
-                "map needs a result or run that is tied to the Earth: give its --anchor"
+                "map needs a result or run that is tied to the Earth: give its `anchor`"
             )
         lanes = [index["lane"] for index in indices]
         x_min = min(lane["x_min"] for lane in lanes)

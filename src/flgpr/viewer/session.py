@@ -28,7 +28,7 @@ from flgpr.store import (
     verdict_bytes,
     write_whole,
 )
-from flgpr.store.files import read_with_digest
+from flgpr.store.files import read_with_digest, taken_for
 from flgpr.store.view_format import (
     VIEW_FORMAT,
     VIEW_SCORE,
@@ -104,7 +104,7 @@ class ResultFiles:
         try:
             return view_score_body(data, self.identity)
         except ValueError as error:
-            raise ViewError(f"{VIEW_SCORE} {error}; run flgpr score again") from None
+            raise ViewError(f"{VIEW_SCORE} {error}; run `flgpr.score` again") from None
 
     def _score_folder(self) -> Folder:
         """Return the folder of the score.
@@ -405,7 +405,7 @@ def _score_of(source: ViewSource) -> ScoreFiles:
     if path is None:
         raise ViewError(
             f"{source.folder}: shown together with a score it must be scored, too: "
-            "flgpr score RESULT --truth TRUTH"
+            "`flgpr.score` does it"
         )
     return ScoreFiles(path)
 
@@ -454,4 +454,5 @@ def open_source(path: str | Path, score: str | Path | None = None) -> ViewSource
             f"path must be one of the sections of this lane ({names}), "
             f"got the folder of all, {path}"
         )
-    raise ViewError(f"path must be a result folder, a run, a recording or a score, got {path}")
+    wanted = "path must be a result folder, a run, a recording or a score"
+    raise ViewError(f"{wanted}, got {path}{taken_for(path)}")

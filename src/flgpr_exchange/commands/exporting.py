@@ -136,7 +136,7 @@ def export_imsma(wish: Wish) -> Path:
     if wish.time is None:
         raise ValueError(
             "imsma needs the time of the survey, which its minimum data hold: "
-            "--time 2026-05-04T09:30:00Z"
+            "`time` 2026-05-04T09:30:00Z"
         )
     rows = _rows_of(wish, "alarms")
     target = check_parent_folder(wish.output)
@@ -158,7 +158,7 @@ def _parsed(
                 parse_table(data, other, source, reading)
             except ValueError:
                 continue
-            raise ValueError(f"{error}: it reads as {other}, give --kind {other}") from None
+            raise ValueError(f"{error}: it reads as {other}, give `kind` {other}") from None
         raise
 
 
@@ -186,7 +186,7 @@ def _anchor_of(wish: Wish, reference: Any) -> Anchor:
     if wish.to == "imsma" and wish.anchor is None and reference is None:
         raise ValueError(
             f"{wish.source}: imsma needs latitude and longitude, and nothing tells where this lane "
-            "lies: give --anchor (flgpr anchor makes one from surveyed points)"
+            "lies: give `anchor` (`flgpr anchor` makes one from surveyed points)"
         )
     return needed_anchor(wish.anchor, reference, wish.source)
 

@@ -98,10 +98,10 @@ def import_gprmax(
             raise FileNotFoundError(f"file not found: {path}")
     if band is None or transmit is None or ground is None:
         raise ValueError(
-            "result files need --band, --transmit and --ground, which they do not hold"
+            "result files need `band`, `transmit` and `ground`, which they do not hold"
         )
     if (waveform is None) != (centre is None):
-        raise ValueError("--waveform and --centre go together")
+        raise ValueError("`waveform` and `centre` go together")
     pulse = None if waveform is None or centre is None else (waveform, centre)
     stated = GprmaxSetup(band, transmit, ground, horizontal, vertical, pulse)
     run = import_gprmax_files(sources, stated)
@@ -262,7 +262,7 @@ def import_gpr(
     if not is_survey:
         if line_spacing is not None or zigzag or lines is not None or channel_x:
             raise ValueError(
-                "line-spacing, zigzag and lines are of several lines, channel-x of --all-channels"
+                "line_spacing, zigzag and lines are of several lines, channel_x of all_channels"
             )
         return import_line(files[0], output, channel, positions, memory, headers)
     if channel is not None:

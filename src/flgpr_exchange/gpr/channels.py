@@ -59,7 +59,7 @@ def channels_run(
         if not np.array_equal(run["frequency"].values, tones):
             raise ValueError(
                 f"{section.path}: channels of one run must have one time window, channel {channel} "
-                "has another than channel 0: import them apart, with --channel 0 and --channel "
+                "has another than channel 0: import them apart, with `channel` 0 and "
                 f"{channel}"
             )
 

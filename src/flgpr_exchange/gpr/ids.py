@@ -129,7 +129,7 @@ def _step_of(steps: tuple[float, ...], notes: list[str]) -> float | None:
         )
         notes.append(
             f"two numbers of H may be the distance of the traces, {fields}: the first is taken; "
-            "--step replaces it"
+            "`step` replaces it"
         )
     return plausible[0]
 

@@ -291,7 +291,7 @@ def _geolocations(
     if channels > 1 and length > _POINT * slices:
         notes.append(
             f"{_GEOLOCATIONS} of {channels - 1} further channels are not used: "
-            "--channel-x places them"
+            "channel_x places them"
         )
     return positions, _fixes(positions, known, block, notes)
 

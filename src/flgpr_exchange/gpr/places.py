@@ -65,7 +65,7 @@ def trace_poses(
     if topography:
         raise ValueError(
             "topography needs an anchor and a receiver's heights: "
-            "give --anchor or --anchor-from-track"
+            "give `anchor` or anchor_from_track"
         )
     if step is not None and not 1e-5 <= step <= 1e3:
         raise ValueError(f"step must be from 1e-5 to 1e3 m, got {step:g}")

@@ -72,7 +72,7 @@ def read_manifest_of_decks(folder: str | Path) -> dict[str, Any]:
             raise ValueError(f"missing: {', '.join(missing)}")
     except FileNotFoundError:
         raise ValueError(
-            f"{folder}: must hold the {MANIFEST} that flgpr simulate --engine gprmax wrote, "
+            f"{folder}: must hold the {MANIFEST} that simulating with the engine gprmax wrote, "
             "it does not"
         ) from None
     except (ValueError, KeyError, TypeError) as error:

@@ -124,7 +124,7 @@ def checked_lists(trial: TrialFolder) -> list[SignedList]:
         if path not in signed and not path.name.endswith(USED_ROWS):
             raise ValueError(
                 f"a list must be signed before the truth is opened, got {path} without a "
-                "signature: flgpr trial intake --signed, or move it away"
+                "signature: take it in with `signed`, or move it away"
             )
     if not lists:
         raise ValueError(f"a verdict must have a signed list, got none in {trial.register}")

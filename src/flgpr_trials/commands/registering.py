@@ -265,7 +265,7 @@ def open_registered_truth(
     register = register_of(request.trial) or own_register
     if register is None and any(entrant.named_recipe for entrant in entrants):
         raise ValueError(
-            f"--recipe needs a register: {request.truth} names none, give it by --book"
+            f"`recipe` needs a register: {request.truth} names none, give it by `book`"
         )
 
     entered = [registered_entrant(entrant, register) for entrant in entrants]
@@ -332,14 +332,14 @@ def registered_entrant(entrant: Entrant, register: RegisterLike | None) -> Regis
     """
     if register is None:
         if entrant.named_recipe is not None:
-            raise ValueError("--recipe needs a register: give it by --book")
+            raise ValueError("`recipe` needs a register: give it by `book`")
         return RegisteredEntrant(entrant)
     recipe = recipe_of(entrant)
     path, _ = register_paths(register)
     if recipe is None:
         raise ValueError(
             f"the detector of {entrant.path} must stand in the register {path}: "
-            "name what fixes it by --recipe"
+            "name what fixes it by `recipe`"
         )
     read_existing_register(register)
     line = require_registered(path, recipe, entrant.model)

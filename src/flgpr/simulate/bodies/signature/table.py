@@ -224,9 +224,7 @@ def load_table(path: Any) -> SignatureTable:
     except (OSError, ValueError, KeyError) as error:
         raise ValueError(f"signature {path}: not a table of signatures: {error}") from None
     if about.get("format") != FORMAT or about.get("nodes") != table_nodes():
-        raise ValueError(
-            f"signature {path}: made for other nodes, make it again with flgpr simulate signature"
-        )
+        raise ValueError(f"signature {path}: made for other nodes, make it again from its body")
     return SignatureTable(Body.model_validate(about["body"]), values)
 
 
