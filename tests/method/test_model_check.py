@@ -50,5 +50,5 @@ def test_a_file_that_makes_words_of_numbers_is_refused(tmp_path):
     write_check(tmp_path, check(20, 14, 7, 1, 0.07))
     file = tmp_path / CHECK_FILE
     file.write_text(file.read_text().replace("20", '"20\\u001b[2J"'))
-    with pytest.raises(ValueError, match="must be what `flgpr.train` wrote"):
+    with pytest.raises(ValueError, match=r"must be what `flgpr.train` wrote"):
         check_sentences(tmp_path)

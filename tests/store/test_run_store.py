@@ -413,6 +413,8 @@ def test_scans_of_zeros_are_flagged_in_a_store_as_in_a_run(small_run, tmp_path, 
     assert read_all(tmp_path / "a.zarr").identical(run)
     missing = np.flatnonzero(~run["valid"].values.any(axis=(1, 2)))
     np.testing.assert_array_equal(missing, silent if len(silent) < 4 else [])
+
+
 def test_variables_of_a_run_have_units_and_names_in_memory_and_in_its_store(small_run, tmp_path):
     """The digest of a store covers what its arrays say of themselves; opened they say the same."""
     save_run(small_run, tmp_path / "a.zarr")
