@@ -19,6 +19,7 @@ from flgpr.commands import (
 )
 from flgpr.commands.agree import agree
 from flgpr.commands.anchor import anchor
+from flgpr.commands.check import check
 from flgpr.commands.compare import compare
 from flgpr.commands.demo import demo
 from flgpr.commands.design import design
@@ -42,6 +43,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "detect": detect,
     "train": train,
     "info": info,
+    "check": check,
     "replay": replay,
     "score": score,
     "compare": compare,
@@ -69,7 +71,13 @@ COMMANDS: dict[str, Callable[..., Any]] = {
 """Every command by its words."""
 
 HELP_PANELS: dict[str, dict[str, str]] = {
-    "Start": {"demo": "", "info": "", "view": "", "recipe": "Make, show and check recipes."},
+    "Start": {
+        "demo": "",
+        "info": "",
+        "check": "",
+        "view": "",
+        "recipe": "Make, show and check recipes.",
+    },
     "Data": {
         "import": "Read other formats into a run.",
         "prepare": "",

@@ -79,22 +79,27 @@ class GeometryFigures:
             del values[:-most]
 
 
-def median(values: Sequence[float]) -> float:
+def median(values: Sequence[float] | FloatArray) -> float:
     """Return the median of values; NaN where there are none."""
     return float(np.median(values)) if len(values) else np.nan
 
 
-def mean(values: Sequence[float]) -> float:
+def mean(values: Sequence[float] | FloatArray) -> float:
     """Return the mean of values; NaN where there are none."""
     return float(np.mean(values)) if len(values) else np.nan
 
 
-def deviations(values: Sequence[float]) -> float:
+def deviations(values: Sequence[float] | FloatArray) -> float:
     """Return the mean of values over its standard error; 0 for fewer than four."""
     if len(values) < 4:
         return 0.0
     error = float(np.std(values, ddof=1)) / np.sqrt(len(values))
     return mean(values) / error if error > 0 else 0.0
+
+
+def like_polarized(polarizations: Sequence[str]) -> list[int]:
+    """Return the numbers of the like polarizations, which see ground best; else of the first."""
+    return [k for k, name in enumerate(polarizations) if name in ("HH", "VV")] or [0]
 
 
 class GeometryCheck:
@@ -109,7 +114,7 @@ class GeometryCheck:
     polarizations : sequence of str
         Names of the polarizations.
     standing : (polarization, pair, frequency) ndarray of complex
-        What stands still, and is no echo of the ground.
+        What stands still, and is no echo of the ground; like the polarizations for :meth:`figures`.
     """
 
     def __init__(
@@ -117,8 +122,8 @@ class GeometryCheck:
         frequency: FloatArray,
         tx_position: FloatArray,
         rx_position: FloatArray,
-        polarizations: Sequence[str],
-        standing: ComplexArray,
+        polarizations: Sequence[str] = (),
+        standing: ComplexArray | None = None,
     ) -> None:
         self._step = float(np.median(np.diff(frequency))) if frequency.size > 1 else np.nan
         even = frequency.size > 8 and np.ptp(np.diff(frequency)) < _UNEVEN * self._step
@@ -126,10 +131,8 @@ class GeometryCheck:
         self._frequency = frequency[self.tones] if even else frequency
         self._tx = tx_position
         self._rx = rx_position
-        names = list(polarizations)
-        like = [k for k, name in enumerate(names) if name in ("HH", "VV")]
-        self.polarizations = like or [0]
-        self._standing = standing
+        self.polarizations = like_polarized(polarizations)
+        self._standing = np.zeros(1, np.complex64) if standing is None else standing
 
     @cached_property
     def _window(self) -> FloatArray:

@@ -9,9 +9,9 @@ agree less, and undoing it makes them agree more.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import partial
 from itertools import combinations
 from typing import NamedTuple
 
@@ -31,18 +31,20 @@ SURE = 4.0
 """Standard errors that the gain must have, too."""
 TIED_DB = 0.1
 """Loss up to which a way is not told from what is stated, dB."""
-BLOCKS = 8
+BLOCKS = 16
 """Stretches of a run that are looked at."""
 BLOCK_SCANS = 4
 """Consecutive scans of a stretch: each is compared with all later ones of it."""
+MOST_LAG = 3
+"""Scans by which poses may be late or early."""
 MOST_CHANGES = 3
 """Things that may be wrong at once."""
-_EVERY = 4  # points of the patch of ground, every so many
-_FEW = 3  # stretches, of which one decides which ways are looked at further
+_POINTS_FEW = 4  # points of the patch of ground, every so many, for a first look
+_POINTS = 2  # and then
+_FEW = 3  # stretches that decide which ways are looked at further
 _FAR_DB = 3.0  # under the best way there, dB, from where on one is not
 _LEAST = 0.004  # squared correlation that counts as none
 _STEPS = (0.05, 60.0)  # m between scans of a vehicle that drives, least and most
-_BAND = (10e6, 200e9)  # Hz, in which radars work
 _ARRAY = (0.02, 20.0)  # m, extent of an array
 _OTHER_PATCH = 1.3  # ratio of heights, from where on another patch of ground is looked at
 
@@ -55,6 +57,7 @@ class Taken:
 
     echoes: ComplexArray  #: (scan, polarization, pair, frequency) without what stands still
     numbers: NDArray[np.integer]  #: (scan,) of the scans in the run
+    stretch: NDArray[np.integer]  #: (scan,) number of the stretch that a scan is of
     frequency: FloatArray  #: (frequency,) Hz
     tx: FloatArray  #: (pair, 3) transmitters in the vehicle frame, m
     rx: FloatArray  #: (pair, 3) receivers
@@ -65,22 +68,21 @@ class Taken:
         """Height of the antennas above the ground, m."""
         return float(np.median(self.pose[:, 2]) + np.mean([self.tx[:, 2], self.rx[:, 2]]))
 
-    @cached_property
-    def stretch(self) -> NDArray[np.intp]:
-        """Number of the stretch (scan,) that every scan is of."""
-        return np.cumsum(np.diff(self.numbers, prepend=self.numbers[0]) > 1)
-
     def is_like(self, other: Taken) -> bool:
         """Whether it is the same but for what no look can show."""
         turned = np.deg2rad(0.1)
         return (
             self.echoes is other.echoes
-            and self.frequency is other.frequency
             and np.array_equal(self.tx, other.tx)
             and np.array_equal(self.rx, other.rx)
             and np.allclose(self.pose[:, :3], other.pose[:, :3], atol=1e-3)
             and np.allclose(self.pose[:, 3:], other.pose[:, 3:], atol=turned)
         )
+
+    @property
+    def has_even_tones(self) -> bool:
+        """Whether range profiles can be made of the tones."""
+        return GeometryCheck(self.frequency, self.tx, self.rx).tones is not None
 
     @property
     def step(self) -> float:
@@ -89,13 +91,12 @@ class Taken:
 
     @property
     def is_possible(self) -> bool:
-        """Whether a vehicle may have such an array, band and course."""
+        """Whether a vehicle may have such an array and course."""
         extent = float(np.ptp(np.concatenate([self.tx, self.rx]), axis=0).max())
         return (
             0.1 < self.height < AIRBORNE
             and _STEPS[0] < self.step < _STEPS[1]
             and (len(self.tx) == 1 or _ARRAY[0] < extent < _ARRAY[1])
-            and _BAND[0] < self.frequency[0] < self.frequency[-1] < _BAND[1]
         )
 
 
@@ -206,13 +207,13 @@ def hypotheses(taken: Taken) -> Iterator[Hypothesis]:
         yield Hypothesis(_PAIRS, words, "change the order of the pairs", _by_receivers)
     yield from _of_heading()
     yield from _of_units()
-    for scans in (-3, -2, -1, 1, 2, 3):
+    for scans in (*range(-MOST_LAG, 0), *range(1, MOST_LAG + 1)):
         by = f"{abs(scans)} scan{'' if abs(scans) == 1 else 's'}"
         yield Hypothesis(
             _LAG,
             f"the poses are {by} {'late' if scans > 0 else 'early'}",
             f"shift them by {by}",
-            _poses(lambda pose, scans=scans: _later(pose, scans)),
+            _poses(partial(_later, scans=scans)),
         )
     for share in (-0.2, -0.1, -0.06, -0.04, -0.02, 0.02, 0.04, 0.06, 0.1, 0.2):
         offset = share * taken.height
@@ -261,7 +262,10 @@ def _of_heading() -> Iterator[Hypothesis]:
 
 
 def _of_units() -> Iterator[Hypothesis]:
-    """Yield other units of positions, heights, antennas, angles and frequencies."""
+    """Yield other units of positions, heights, antennas and angles.
+
+    Frequencies that are not in Hz make no run.
+    """
     lengths = {"feet": 0.3048, "inches": 0.0254, "centimetres": 1e-2, "millimetres": 1e-3}
     lengths |= {"kilometres": 1e3}
     for name, factor in lengths.items():
@@ -287,10 +291,7 @@ def _of_units() -> Iterator[Hypothesis]:
             _UNITS,
             f"the antennas are in {name}, not metres",
             POSITIONS_UNIT,
-            _antennas(
-                lambda places, factor=factor: places * factor,
-                lambda places, factor=factor: places * factor,
-            ),
+            _antennas(partial(np.multiply, factor), partial(np.multiply, factor)),
         )
     yield Hypothesis(
         _UNITS,
@@ -305,13 +306,6 @@ def _of_units() -> Iterator[Hypothesis]:
         POSITIONS_UNIT,
         _scaled(1, 1, 1, degree, degree, degree),
     )
-    for name, factor in {"kHz": 1e3, "MHz": 1e6, "GHz": 1e9}.items():
-        yield Hypothesis(
-            _UNITS,
-            f"the frequencies are in {name}, not Hz",
-            POSITIONS_UNIT,
-            lambda taken, factor=factor: replace(taken, frequency=taken.frequency * factor),
-        )
 
 
 class Looks:
@@ -328,7 +322,7 @@ class Looks:
         self._of: ComplexArray | None = None
         self._profiles: ComplexArray | None = None
 
-    def agreement(self, taken: Taken, every: int = 1) -> FloatArray:
+    def agreement(self, taken: Taken, every: int = 1, points_every: int = _POINTS) -> FloatArray:
         """Return how well the scans of a stretch agree, over what unrelated ones do.
 
         Parameters
@@ -337,6 +331,8 @@ class Looks:
             Scans of a run, and how they are taken.
         every : int
             Looks at every so many stretches.
+        points_every : int
+            Looks at every so many points of the ground.
 
         Returns
         -------
@@ -344,12 +340,12 @@ class Looks:
             For every stretch and polarization the mean squared correlation of its looks, from 0 to
             1; chance is about 0.
         """
-        check = GeometryCheck(taken.frequency, taken.tx, taken.rx, (), np.zeros(0))
+        check = GeometryCheck(taken.frequency, taken.tx, taken.rx)
         profiles, path = self._profiled(check, taken.echoes)
         height = taken.height
         if abs(np.log(height / self._height)) < np.log(_OTHER_PATCH):
             height = self._height
-        points = Patch(height).points[::_EVERY]
+        points = Patch(height).points[::points_every]
 
         def look(scan: int, places: FloatArray) -> ComplexArray:
             antennas = check.antennas(taken.pose[taken.numbers[scan]])
@@ -359,20 +355,25 @@ class Looks:
 
         scans = np.flatnonzero(taken.stretch % every == 0)
         stretch = taken.stretch[scans]
-        looks = np.array([look(scan, points) for scan in scans])
+        looks = np.array([look(scan, points) for scan in scans.tolist()])
         values = []
         for number in np.unique(stretch):
             members = np.flatnonzero(stretch == number)
             by_lag: dict[int, list[FloatArray]] = {}
             for first, second in combinations(members, 2):
                 poses = taken.pose[taken.numbers[scans[[first, second]]]]
-                again = look(scans[second], lane_to_scan(scan_to_lane(points, poses[0]), poses[1]))
+                again = look(
+                    int(scans[second]), lane_to_scan(scan_to_lane(points, poses[0]), poses[1])
+                )
                 alike = np.abs(np.einsum("spn,pn->sp", looks.conj(), again)) ** 2
                 unrelated = alike[stretch != number]
                 chance = unrelated.mean(axis=0) if len(unrelated) else 1 / len(points)
-                by_lag.setdefault(int(second - first), []).append(alike[first] - chance)
+                lag = int(np.diff(taken.numbers[scans[[first, second]]])[0])
+                by_lag.setdefault(lag, []).append(alike[first] - chance)
             if by_lag:
-                values.append(np.mean([np.mean(of_lag, axis=0) for of_lag in by_lag.values()], axis=0))
+                values.append(
+                    np.mean([np.mean(of_lag, axis=0) for of_lag in by_lag.values()], axis=0)
+                )
         return np.concatenate(values) if values else np.zeros(0)
 
     def _profiled(self, check: GeometryCheck, echoes: ComplexArray) -> tuple[ComplexArray, float]:
@@ -389,13 +390,24 @@ class Way:
 
     hypothesis: Hypothesis
     gain_db: float  #: of the agreement
-    is_sure: bool  #: whether the gain is beyond chance
+    errors: float  #: the gain over its standard error; 0 where it was not looked at closely
     taken: Taken
+    peak: float = 0.0  #: of a row of steps, where between them it would be best; 0: not known
+
+    @property
+    def is_step(self) -> bool:
+        """Whether it is one of a row of steps."""
+        return bool(np.isfinite(self.hypothesis.amount))
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether it is better beyond chance."""
+        return self.gain_db > BETTER_DB and self.errors > SURE
 
     @property
     def words(self) -> str:
         """What is wrong with the run, if it is the better way."""
-        return self.hypothesis.words.format(abs(self.hypothesis.amount))
+        return self.hypothesis.words.format(abs(self.peak or self.hypothesis.amount))
 
 
 @dataclass(frozen=True)
@@ -416,11 +428,11 @@ def best_ways(stated: Taken) -> Ways:
     while True:
         values = looks.agreement(taken)
         others = _tried(looks, taken, values)
-        better = [way for way in others if way.is_sure and way.gain_db > BETTER_DB]
+        better = [way for way in others if way.is_sure]
         if not better or len(adopted) == MOST_CHANGES:
             break
         best = max(better, key=lambda way: way.gain_db)
-        adopted.append(best)
+        adopted.append(replace(best, peak=_peak(best, others)))
         taken = best.taken
     is_seen = deviations(values) > SURE
     return Ways(tuple(adopted), tuple(others), float(values.mean()), is_seen)
@@ -432,19 +444,36 @@ def _tried(looks: Looks, taken: Taken, values: FloatArray) -> list[Way]:
     Those that are far from the best on a part of the stretches are not looked at further.
     """
     ways = []
-    few = looks.agreement(taken, _FEW)
+    every = max(1, int(taken.stretch[-1] + 1) // _FEW)
+    few = looks.agreement(taken, every, _POINTS_FEW)
     for one in hypotheses(taken):
         changed = one.change(taken)
         if changed.is_possible and not changed.is_like(taken):
-            gain = _gain_db(looks.agreement(changed, _FEW), few)
-            ways.append(Way(one, gain, False, changed))
+            gain = _gain_db(looks.agreement(changed, every, _POINTS_FEW), few)
+            ways.append(Way(one, gain, 0.0, changed))
     best = max((way.gain_db for way in ways), default=0.0)
     for place, way in enumerate(ways):
         if way.gain_db > max(best, 0.0) - _FAR_DB:
             others = looks.agreement(way.taken)
-            is_sure = deviations(others - values) > SURE
-            ways[place] = replace(way, gain_db=_gain_db(others, values), is_sure=is_sure)
+            gain = _gain_db(others, values)
+            ways[place] = replace(way, gain_db=gain, errors=deviations(others - values))
     return ways
+
+
+def _peak(best: Way, others: Sequence[Way]) -> float:
+    """Return the step at which a parabola through the gains of a row is highest; 0 if there is none."""
+    amount = best.hypothesis.amount
+    row = [(0.0, 0.0)]
+    for way in others:
+        one = way.hypothesis
+        if one.unit == best.hypothesis.unit and way.errors and abs(one.amount) <= 2.5 * abs(amount):
+            row.append((one.amount, way.gain_db))
+    if not best.is_step or len(row) < 4:
+        return 0.0
+    amounts, gains = np.transpose(row)
+    curve, slope, _ = np.polyfit(amounts, gains, 2)
+    peak = -slope / (2 * curve) if curve < 0 else 0.0
+    return float(peak) if 0 < peak / amount < 2 else 0.0
 
 
 def _gain_db(values: FloatArray, before: FloatArray) -> float:
