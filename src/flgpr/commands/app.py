@@ -67,6 +67,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "recipe show": recipe.show_recipe,
     "recipe for": recipe.recipe_for,
     "recipe check": recipe.check_recipe,
+    "recipe suggest": recipe.suggest_recipe,
 }
 """Every command by its words."""
 
@@ -76,7 +77,7 @@ HELP_PANELS: dict[str, dict[str, str]] = {
         "info": "",
         "check": "",
         "view": "",
-        "recipe": "Make, show and check recipes.",
+        "recipe": "Suggest, make, show and check recipes.",
     },
     "Data": {
         "import": "Read other formats into a run.",

@@ -163,9 +163,14 @@ def _drift(of_run: Examined) -> Iterator[Check]:
     gain, phase = steady["gain_drift_db"].abs(), steady["phase_drift_rad"].abs()
     # What does not stand still adds to the means of the quarters: an error of each, in nepers.
     quarter = max(sums.scans // 4, 1)
-    error = np.sqrt((1 - steady["coherence"]) / (steady["coherence"] * quarter))
+    coherence = steady["coherence"].to_numpy()
+    error = np.sqrt((1 - coherence) / (coherence * quarter))
     by_gain = gain > np.maximum(_DRIFT[0], _DRIFT_ERRORS * error * 20 / np.log(10))
     drifting = int((by_gain | (phase > np.maximum(_DRIFT[1], _DRIFT_ERRORS * error))).sum())
+    # Many channels together tell a drift that they share better than each of them alone.
+    shared_error = _DRIFT_ERRORS * np.median(error) * 20 / np.log(10) / np.sqrt(min(len(steady), 16))
+    if abs(steady["gain_drift_db"].median()) > max(_DRIFT[0], shared_error):
+        drifting = len(steady)
     words = (
         f"{drifting} of {len(steady)} channels drift, by up to {gain.max():.1f} dB and "
         f"{phase.max():.2f} rad from the first to the last quarter, at most {_DRIFT[0]:g} dB and "

@@ -190,7 +190,7 @@ class GeometryCheck:
         """Add what a scan shows by itself; return its image (point,)."""
         profiles, step = profiled
         tx, rx = self.antennas(pose)
-        path_db = self._path_db(profiles, step, patch.height)
+        path_db = self.scene_db(profiles, step, patch.height)
         found.add("path_db", path_db)
         image = self.image(profiles, step, tx, rx, patch.points)
         if number % 2:
@@ -251,8 +251,9 @@ class GeometryCheck:
         """Return the path of one of so many bins of a profile, m."""
         return SPEED_OF_LIGHT / (self._step * bins)
 
-    def _path_db(self, profiles: ComplexArray, path: float, height: float) -> float:
-        """Return the power at paths of the scene over that at their mirror, dB."""
+    @staticmethod
+    def scene_db(profiles: ComplexArray, path: float, height: float) -> float:
+        """Return the power at paths of the scene over that at their mirror, dB; NaN: not known."""
         power = (np.abs(profiles) ** 2).sum(axis=0)
         unambiguous = path * power.size
         nearest = 2.1 * height

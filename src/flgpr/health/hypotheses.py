@@ -43,6 +43,9 @@ _POINTS_FEW = 4  # points of the patch of ground, every so many, for a first loo
 _POINTS = 2  # and then
 _FEW = 3  # stretches that decide which ways are looked at further
 _FAR_DB = 3.0  # under the best way there, dB, from where on one is not
+_SCENE_DB = (
+    3.0  # of power at the paths of a scene over that at their mirror, beyond which these are clear
+)
 _LEAST = 0.004  # squared correlation that counts as none
 _STEPS = (0.05, 60.0)  # m between scans of a vehicle that drives, least and most
 _ARRAY = (0.02, 20.0)  # m, extent of an array
@@ -109,6 +112,7 @@ class Hypothesis(NamedTuple):
     change: Callable[[Taken], Taken]
     amount: float = np.nan  #: of one of a row of steps, in ``unit``
     unit: str = ""
+    mirrors: bool = False  #: whether it turns the paths of echoes round
 
 
 def _poses(change: Callable[[FloatArray], FloatArray]) -> Callable[[Taken], Taken]:
@@ -184,9 +188,13 @@ def hypotheses(taken: Taken) -> Iterator[Hypothesis]:
     """Yield the ways to take a run that are tried beside the stated one."""
     conjugate = "set signal.conjugate = true in the mapping"
     tones = "turn the frequency axis round"
-    yield Hypothesis(_SENSE, "the data are conjugated", conjugate, _echoes(np.conj))
+    yield Hypothesis(_SENSE, "the data are conjugated", conjugate, _echoes(np.conj), mirrors=True)
     yield Hypothesis(
-        _SENSE, "the tones are in reverse order", tones, _echoes(lambda data: data[..., ::-1])
+        _SENSE,
+        "the tones are in reverse order",
+        tones,
+        _echoes(lambda data: data[..., ::-1]),
+        mirrors=True,
     )
     yield Hypothesis(
         _SENSE,
@@ -376,6 +384,17 @@ class Looks:
                 )
         return np.concatenate(values) if values else np.zeros(0)
 
+    def scene_db(self, taken: Taken) -> float:
+        """Return the power at the paths of a scene over that at their mirror, dB; NaN: not known."""
+        profiles, path = self._profiled(
+            GeometryCheck(taken.frequency, taken.tx, taken.rx), taken.echoes
+        )
+        values = [
+            GeometryCheck.scene_db(one, path, taken.height) for one in np.concatenate(profiles)
+        ]
+        known = np.array(values)[np.isfinite(values)]
+        return float(np.median(known)) if known.size else np.nan
+
     def _profiled(self, check: GeometryCheck, echoes: ComplexArray) -> tuple[ComplexArray, float]:
         """Return range profiles of echoes, made once for all ways that leave these as they are."""
         if self._profiles is None or self._of is not echoes:
@@ -428,7 +447,8 @@ def best_ways(stated: Taken) -> Ways:
     while True:
         values = looks.agreement(taken)
         others = _tried(looks, taken, values)
-        better = [way for way in others if way.is_sure]
+        rows = {way.hypothesis.unit for way in adopted if way.is_step}  # one step of each is enough
+        better = [way for way in others if way.is_sure and way.hypothesis.unit not in rows]
         if not better or len(adopted) == MOST_CHANGES:
             break
         best = max(better, key=lambda way: way.gain_db)
@@ -441,12 +461,17 @@ def best_ways(stated: Taken) -> Ways:
 def _tried(looks: Looks, taken: Taken, values: FloatArray) -> list[Way]:
     """Return all other ways to take a run that agrees by ``values`` as it is taken.
 
-    Those that are far from the best on a part of the stretches are not looked at further.
+    Those that are far from the best on a part of the stretches are not looked at further. Echoes
+    whose paths are turned round look like those of a vehicle that drives backwards: by the paths of
+    a scene, where these are clear, the two are told apart.
     """
     ways = []
+    scene_db = looks.scene_db(taken)
     every = max(1, int(taken.stretch[-1] + 1) // _FEW)
     few = looks.agreement(taken, every, _POINTS_FEW)
     for one in hypotheses(taken):
+        if (one.mirrors and scene_db > _SCENE_DB) or (not one.mirrors and scene_db < -_SCENE_DB):
+            continue
         changed = one.change(taken)
         if changed.is_possible and not changed.is_like(taken):
             gain = _gain_db(looks.agreement(changed, every, _POINTS_FEW), few)
