@@ -46,7 +46,8 @@ _FAR_DB = 3.0  # under the best way there, dB, from where on one is not
 _SCENE_DB = (
     3.0  # of power at the paths of a scene over that at their mirror, beyond which these are clear
 )
-_LEAST = 0.004  # squared correlation that counts as none
+_SEEN = 3.0  # standard errors that the agreement itself must have
+_LEAST = 0.06  # correlation that counts as none
 _STEPS = (0.05, 60.0)  # m between scans of a vehicle that drives, least and most
 _ARRAY = (0.02, 20.0)  # m, extent of an array
 _OTHER_PATCH = 1.3  # ratio of heights, from where on another patch of ground is looked at
@@ -345,8 +346,8 @@ class Looks:
         Returns
         -------
         (value,) ndarray of float
-            For every stretch and polarization the mean squared correlation of its looks, from 0 to
-            1; chance is about 0.
+            For every stretch and polarization the correlation of its looks (root of the mean square),
+            from 0 to 1; chance is about 0.
         """
         check = GeometryCheck(taken.frequency, taken.tx, taken.rx)
         profiles, path = self._profiled(check, taken.echoes)
@@ -379,9 +380,10 @@ class Looks:
                 lag = int(np.diff(taken.numbers[scans[[first, second]]])[0])
                 by_lag.setdefault(lag, []).append(alike[first] - chance)
             if by_lag:
-                values.append(
-                    np.mean([np.mean(of_lag, axis=0) for of_lag in by_lag.values()], axis=0)
-                )
+                lags = [np.mean(of_lag, axis=0) for of_lag in by_lag.values()]
+                power = np.mean(lags, axis=0)
+                # Of roots no single stretch with bright targets decides.
+                values.append(np.sign(power) * np.sqrt(np.abs(power)))
         return np.concatenate(values) if values else np.zeros(0)
 
     def scene_db(self, taken: Taken) -> float:
@@ -454,7 +456,7 @@ def best_ways(stated: Taken) -> Ways:
         best = max(better, key=lambda way: way.gain_db)
         adopted.append(replace(best, peak=_peak(best, others)))
         taken = best.taken
-    is_seen = deviations(values) > SURE
+    is_seen = deviations(values) > _SEEN
     return Ways(tuple(adopted), tuple(others), float(values.mean()), is_seen)
 
 
@@ -503,4 +505,4 @@ def _peak(best: Way, others: Sequence[Way]) -> float:
 
 def _gain_db(values: FloatArray, before: FloatArray) -> float:
     """Return by how much looks agree better, dB."""
-    return float(10 * np.log10(max(values.mean(), _LEAST) / max(before.mean(), _LEAST)))
+    return float(20 * np.log10(max(values.mean(), _LEAST) / max(before.mean(), _LEAST)))

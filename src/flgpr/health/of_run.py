@@ -165,7 +165,7 @@ def taken_of_run(run: xr.Dataset, of_run: Examined) -> Taken | None:
     pose = np.asarray(run["pose"].values, np.float64)
     sums, radar, left_out = of_run.sums, of_run.radar, of_run.health.left_out
     scans = len(pose)
-    margin = MOST_LAG if scans >= 4 * BLOCK_SCANS + 2 * MOST_LAG else 0
+    margin = MOST_LAG if scans >= 2 * BLOCKS + 2 * MOST_LAG else 0
     count = min(BLOCKS, (scans - 2 * margin) // BLOCK_SCANS)
     starts = np.linspace(margin, scans - margin - BLOCK_SCANS, max(count, 1)).astype(int)
     standing = _kept(sums.standing / np.maximum(sums.sweeps, 1)[..., None], left_out)
