@@ -28,6 +28,7 @@ from flgpr.commands.export import export
 from flgpr.commands.image import image
 from flgpr.commands.info import info
 from flgpr.commands.messages import say
+from flgpr.commands.open import open_files
 from flgpr.commands.pairs import PairCommand
 from flgpr.commands.prepare import prepare
 from flgpr.commands.replay import replay
@@ -42,6 +43,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "demo": demo,
     "detect": detect,
     "train": train,
+    "open": open_files,
     "info": info,
     "check": check,
     "replay": replay,
@@ -74,6 +76,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
 HELP_PANELS: dict[str, dict[str, str]] = {
     "Start": {
         "demo": "",
+        "open": "",
         "info": "",
         "check": "",
         "view": "",

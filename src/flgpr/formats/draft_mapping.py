@@ -277,8 +277,8 @@ class MappingDraft:
                 unit = unit.replace("m?", "m")  # as receivers tell heights
             degrees = _degrees(columns["longitude"], columns["latitude"])
             entry = {**names, "above_ground": "?", "angle_unit": degrees, "unit": unit}
-            comment = "above_ground: of the positioning antenna; without it the receiver's heights"
-            return "geodetic", entry, f"{comment} are used. Needs --anchor, or --anchor-from-track"
+            comment = "above_ground: height of the positioning antenna, in place of the receiver's"
+            return "geodetic", entry, f"{comment}; needs --anchor, or --anchor-from-track"
         if places.holds("position"):
             entry = {"variable": columns["position"].info.name}
             if columns["position"].info.shape[1] == 2:

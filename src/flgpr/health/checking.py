@@ -168,7 +168,9 @@ def _drift(of_run: Examined) -> Iterator[Check]:
     by_gain = gain > np.maximum(_DRIFT[0], _DRIFT_ERRORS * error * 20 / np.log(10))
     drifting = int((by_gain | (phase > np.maximum(_DRIFT[1], _DRIFT_ERRORS * error))).sum())
     # Many channels together tell a drift that they share better than each of them alone.
-    shared_error = _DRIFT_ERRORS * np.median(error) * 20 / np.log(10) / np.sqrt(min(len(steady), 16))
+    shared_error = (
+        _DRIFT_ERRORS * np.median(error) * 20 / np.log(10) / np.sqrt(min(len(steady), 16))
+    )
     if abs(steady["gain_drift_db"].median()) > max(_DRIFT[0], shared_error):
         drifting = len(steady)
     words = (
