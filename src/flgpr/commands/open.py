@@ -9,9 +9,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from typer import Argument, Option
+from typer import Argument
 
-from flgpr.commands.options import OneOrMorePaths, PathLike, one_or_more
+from flgpr.commands.options import OneOrMorePaths, PathLike, one_or_more, output_option
 from flgpr.commands.shell import Arguments, command
 
 
@@ -54,10 +54,7 @@ def open_files(
         OneOrMorePaths, Argument(help="File of any format, or all files of one measurement.")
     ],
     output: Annotated[
-        PathLike | None,
-        Option(
-            "-o", "--output", help="Mapping to write, TOML; the picture lies beside it as .png."
-        ),
+        PathLike | None, output_option("mapping, TOML; the picture lies beside it as .png")
     ] = None,
 ) -> Opened:
     """Say what files hold, which questions are open before they can be imported, and what is next.
