@@ -210,7 +210,9 @@ def _of_geometry(run: xr.Dataset, of_run: Examined) -> Iterator[Check]:
                 yield _as_check(question, told[question])
         left = [question for question in QUESTIONS if question not in told]
         verdict = UNSEEN if any(one.name in _SPOILT for one in of_run.health.findings) else DOUBTFUL
-        yield Check("focus", verdict, f"{', '.join(left)} cannot be told: {reason}")
+        yield Check(
+            "focus", verdict, f"whether {', '.join(left)} are right cannot be told: {reason}"
+        )
         return
     for question in QUESTIONS:
         adopted = [way for way in ways.adopted if way.hypothesis.question == question]
