@@ -24,6 +24,8 @@ UNSEEN = "not observable"
 _WORST_FIRST = (WRONG, DOUBTFUL, RIGHT, UNSEEN)
 _WEAK = 12.0  # dB under the others, from where on a channel is doubtful
 _LOUD = 9.0  # dB over them
+_DOUBT_DB = 1.0  # gain of a way that is not sure, from where on it is a doubt, and
+_DOUBT_ERRORS = 2.5  # standard errors, from where on a lesser gain is one, too
 _DRIFT = (1.0, 0.2)  # dB and rad
 _DRIFT_ERRORS = 3.0  # standard errors that it must have, too
 _GAP = 2.5  # times the usual step
@@ -83,8 +85,8 @@ class Checked:
             trying = f": {found[0].advice}" if len(found) == 1 and found[0].advice else ""
             return f"{self.verdict.capitalize()}: {words}{more}{trying}."
         return (
-            f"Looks right: no other sign, order, heading, lag, height or unit focuses {BETTER_DB:g} dB "
-            "better, and channels, tones, scans and positions show no fault."
+            "Looks right: no other sign, order, heading, lag, height or unit focuses clearly better "
+            f"(limit {BETTER_DB:g} dB), and channels, tones, scans and positions show no fault."
         )
 
     def _of(self, verdict: str) -> list[Check]:
@@ -233,8 +235,8 @@ def _of_geometry(run: xr.Dataset, of_run: Examined) -> Iterator[Check]:
 def _best_of(question: str, others: Sequence[Way]) -> Check:
     """Return the answer to a question that has others than the stated way."""
     best = max(others, key=lambda way: way.gain_db)
-    if best.gain_db <= BETTER_DB:
-        words = f"next best {best.gain_db:+.1f} dB, at most {BETTER_DB:+g}: {best.words}"
+    if best.gain_db < _DOUBT_DB and not (best.gain_db > BETTER_DB and best.errors > _DOUBT_ERRORS):
+        words = f"next best {best.gain_db:+.1f} dB, at most {BETTER_DB:+g} if sure: {best.words}"
         return Check(question, RIGHT, words)
     words = (
         f"{best.words}? ({best.gain_db:+.1f} dB so taken, at most {BETTER_DB:+g}; "

@@ -72,7 +72,7 @@ LIMITS: dict[str, Limit] = {
         "something else transmits there",
     ),
     "noisy tones": Limit(
-        0.1,
+        0.05,
         "share of the tones",
         "{where}: {value:.0%} of the tones hold noise, at most {most:.0%}",
         "look at the receiver there, or leave these tones out",

@@ -32,6 +32,7 @@ from flgpr.types import FloatArray
 
 BoolArray = NDArray[np.bool_]
 _BEFORE_LANE = 10.0  # m
+_LEAST_USUAL = 0.5  # likeness of neighbouring tones under which they say nothing of one another
 _LEAST_PAIRS = 4  # of fewer, the level of one says little of another's
 _MOST_HOT = 0.25  # of the pairs
 _SILENT_DB = 300.0  # under the median pair, stands for no power at all
@@ -111,7 +112,8 @@ def statistics(sums: HealthSums, radar: Radar) -> dict[str, float]:
         likeness = sums.tone_likeness
         noisy = likeness < NOISY_LIKENESS * np.median(likeness)
         figures["disturbed tones"] = float(sums.changed_db.max())
-        figures["noisy tones"] = float(noisy.mean())
+        if np.median(likeness) > _LEAST_USUAL:
+            figures["noisy tones"] = float(noisy.mean())
         figures["noise"] = 1 - sums.likeness
         figures["jitter"] = jitter_ps(sums, radar)
     return figures
@@ -368,7 +370,7 @@ def _tones(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
     told = marked[1:] | marked[:-1]
     noisy = np.flatnonzero((likeness < NOISY_LIKENESS * usual) & ~told)
     share = noisy.size / likeness.size
-    if usual > 0.2 and share > LIMITS["noisy tones"].most:
+    if usual > _LEAST_USUAL and share > LIMITS["noisy tones"].most:
         yield finding("noisy tones", share, tone_names(noisy, radar))
 
 
