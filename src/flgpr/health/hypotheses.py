@@ -453,7 +453,12 @@ def best_ways(stated: Taken) -> Ways:
         better = [way for way in others if way.is_sure and way.hypothesis.unit not in rows]
         if not better or len(adopted) == MOST_CHANGES:
             break
-        best = max(better, key=lambda way: way.gain_db)
+        # Of ways that are as good the first question's: an angle is off more often than its unit.
+        most = max(way.gain_db for way in better)
+        as_good = [way for way in better if way.gain_db > most - BETTER_DB]
+        first = min(QUESTIONS.index(way.hypothesis.question) for way in as_good)
+        as_good = [way for way in as_good if way.hypothesis.question == QUESTIONS[first]]
+        best = max(as_good, key=lambda way: way.gain_db)
         adopted.append(replace(best, peak=_peak(best, others)))
         taken = best.taken
     is_seen = deviations(values) > _SEEN
