@@ -22,17 +22,10 @@ import numpy as np
 import xarray as xr
 
 from common import markdown, with_share
-from flgpr.health.channels import channel_levels
-from flgpr.health.findings import LIMITS, NOISY_LIKENESS
+from flgpr.health.findings import LIMITS
 from flgpr.health.geometry import mean, median
-from flgpr.health.judging import (
-    LeftOut,
-    jitter_ps,
-    judge_motion,
-    over_alike,
-    turned_pairs,
-    under_loudest,
-)
+from flgpr.health.judging import LeftOut, judge_motion
+from flgpr.health.judging import statistics as statistics_of_sums
 from flgpr.health.of_run import geometry_figures, health_of_run, radar_of, read_sums
 from flgpr.health.streaming import LiveHealth
 from flgpr.model import load_sensor
@@ -83,21 +76,9 @@ def statistics(run: xr.Dataset) -> dict[str, float]:
     radar = radar_of(run)
     sums, steps, samples = read_sums(run)
     figures = geometry_figures(run, radar, sums, samples, LeftOut())
-    levels = channel_levels(sums)
-    likeness = sums.tone_likeness
     motion = judge_motion(steps, np.array(sums.changed))
     return {
-        "missing pairs": float((1 - sums.sweeps / sums.scans).max()),
-        "dead pairs": float(-levels.min()),
-        "hot pairs": float(over_alike(levels, radar).max()),
-        "dead polarization": float(under_loudest(sums).max()),
-        "stuck pairs": float((sums.stuck >= sums.steps[..., None]).mean(axis=-1).max()),
-        "turned pairs": float(len(turned_pairs(sums, radar))),
-        "disturbed tones": float(sums.changed_db.max()),
-        "noisy tones": float((likeness < NOISY_LIKENESS * np.median(likeness)).mean()),
-        "noise": 1 - sums.likeness,
-        "jitter": jitter_ps(sums, radar),
-        "repeated scans": float(sums.repeated),
+        **statistics_of_sums(sums, radar),
         "frozen positions": motion[0].value if motion else 0.0,
         "paths": -median(figures.path_db),
         "receivers": mean(figures.receivers),

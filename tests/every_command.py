@@ -214,6 +214,11 @@ COMMANDS = [
         "design {in}/sensor.toml -o {out}/a.html",
         "design {in}/sensor.toml --depth 0.1 -o {out}/a.html",
     ),
+    Command(
+        "open",
+        "open {in}/mapped.npz -o {out}/a.toml",
+        "open {in}/mapped.npz {in}/track.csv -o {out}/a.toml",
+    ),
     Command("info", "info {in}/run.zarr --plot {out}/a.png"),
     Command(
         "info files",

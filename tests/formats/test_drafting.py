@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 from flgpr.commands.app import app
 from flgpr.formats import explain_files, import_mapped
 from flgpr.formats.mapping import parse_mapping
+from flgpr.store import open_run
 
 SCANS = 20
 TX = 4
@@ -52,7 +53,7 @@ def geodetic(count=SCANS):
     )
 
 
-def test_an_own_array_takes_one_draft_with_two_questions(tmp_path):
+def test_an_own_array_takes_one_draft_with_three_questions(tmp_path):
     """4 x 16 antennas, 401 tones, a file per scan, an archive of the array, and a table of fixes."""
     paths = scans(tmp_path)
     np.savez(tmp_path / "array.npz", tx=SENDERS, rx=RECEIVERS, frequency=FREQUENCY)
@@ -63,16 +64,25 @@ def test_an_own_array_takes_one_draft_with_two_questions(tmp_path):
     )
     assert done.exit_code == 0, done.output
     assert "20 files like scan_0.npy (NumPy array), each" in done.output
-    assert "with 2 question marks" in done.output
+    assert "with 3 question marks" in done.output
     draft = (tmp_path / "own.toml").read_text()
-    assert questions(draft) == ['polarization = ["HH?"]', 'heading = "course?"  # along the way']
+    polarization, height, heading = questions(draft)
+    assert polarization == 'polarization = ["HH?"]'
+    assert 'above_ground = "?"' in height
+    assert heading == 'heading = "course?"  # along the way'
     assert 'dims = ["tx", "rx", "frequency"]  # of 4 x 16 x 401' in draft
     assert draft.index('join = "new scan"') < draft.index("[files]")  # where a mapping takes it
     assert 'data = "scan_*.npy"' in draft
-    (tmp_path / "own.toml").write_text(draft.replace("?", ""))
-    made = run("import", "mapped", tmp_path / "own.toml", "-o", tmp_path / "own.zarr")
+    answered = draft.replace('above_ground = "?"', "above_ground = 1.8").replace("?", "")
+    (tmp_path / "own.toml").write_text(answered)
+    words = ["import", "mapped", tmp_path / "own.toml", "-o", tmp_path / "own.zarr"]
+    made = run(*words)
     assert made.exit_code == 2
     assert "pose.geodetic needs an anchor" in made.output
+    # The receiver's altitude says nothing of the height over the ground: what was measured does.
+    made = run(*words, "--anchor-from-track")
+    assert made.exit_code == 0, made.output
+    np.testing.assert_allclose(open_run(tmp_path / "own.zarr")["pose"].values[:, 2], 1.8)
 
 
 @pytest.mark.parametrize("form", ["roles", "two tables", "one archive"])

@@ -19,6 +19,7 @@ from flgpr.commands import (
 )
 from flgpr.commands.agree import agree
 from flgpr.commands.anchor import anchor
+from flgpr.commands.check import check
 from flgpr.commands.compare import compare
 from flgpr.commands.demo import demo
 from flgpr.commands.design import design
@@ -27,6 +28,7 @@ from flgpr.commands.export import export
 from flgpr.commands.image import image
 from flgpr.commands.info import info
 from flgpr.commands.messages import say
+from flgpr.commands.open import open_files
 from flgpr.commands.pairs import PairCommand
 from flgpr.commands.prepare import prepare
 from flgpr.commands.replay import replay
@@ -41,7 +43,9 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "demo": demo,
     "detect": detect,
     "train": train,
+    "open": open_files,
     "info": info,
+    "check": check,
     "replay": replay,
     "score": score,
     "compare": compare,
@@ -65,11 +69,19 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "recipe show": recipe.show_recipe,
     "recipe for": recipe.recipe_for,
     "recipe check": recipe.check_recipe,
+    "recipe suggest": recipe.suggest_recipe,
 }
 """Every command by its words."""
 
 HELP_PANELS: dict[str, dict[str, str]] = {
-    "Start": {"demo": "", "info": "", "view": "", "recipe": "Make, show and check recipes."},
+    "Start": {
+        "demo": "",
+        "open": "",
+        "info": "",
+        "check": "",
+        "view": "",
+        "recipe": "Suggest, make, show and check recipes.",
+    },
     "Data": {
         "import": "Read other formats into a run.",
         "prepare": "",

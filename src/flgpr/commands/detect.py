@@ -81,6 +81,8 @@ def _lines_of_result(result: Result) -> Iterator[str]:
     yield from run.get("motion", {}).get("notes", [])
     for finding in run.get("health", []):
         yield finding["sentence"]
+    if "health" in run:
+        yield f"`flgpr check {run['path']}` says what else may be wrong, and what to try"
     yield from run.get("searched", {}).get("notes", [])
     if run.get("trained_on_this_run"):
         yield TRAINED_ON_THIS_RUN

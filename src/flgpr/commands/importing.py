@@ -84,6 +84,7 @@ def track_and_anchor(
     body: str | None,
     axes: str | None,
     max_gap: float,
+    above_ground: float | None = None,
 ) -> tuple[pd.DataFrame | None, Anchor | None, list[str]]:
     """Read track and anchor of an import by mapping, as options name them.
 
@@ -99,6 +100,8 @@ def track_and_anchor(
         Body of a take, and its axes that are the lane's, parted by commas.
     max_gap : float
         Longest gap of a take that is bridged, s.
+    above_ground : float or None
+        Height of the antenna of an NMEA log above the ground, m, in place of the log's.
 
     Returns
     -------
@@ -115,7 +118,8 @@ def track_and_anchor(
     if anchor_from_track and path.suffix.lower() != ".csv":
         lane_anchor, notes = anchor_from_fixes(nmea_places(path))
     names = None if axes is None else axes.split(",")
-    return track_of(path, lane_anchor, body, names, max_gap), lane_anchor, notes
+    fixes = track_of(path, lane_anchor, body, names, max_gap, above_ground)
+    return fixes, lane_anchor, notes
 
 
 def store_mapped(imported: Imported, store: Path, anchor: Anchor | None) -> None:

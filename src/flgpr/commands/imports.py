@@ -82,6 +82,7 @@ def _mapped_lines(imported: Imported, call: Arguments) -> Iterator[str | Path]:
             "lever_arm",
             "latency",
             "max_gap",
+            "above_ground",
         ),
         "OptiTrack Motive": ("body", "axes"),
     },
@@ -116,6 +117,10 @@ def import_mapped(
         str | None, Option(help="Motive's axes that are x, y, z of the lane, such as x,-z,y.")
     ] = None,
     max_gap: Annotated[float, Option(help="Longest gap in the fixes of a track, s.")] = 1.0,
+    above_ground: Annotated[
+        float | None,
+        Option(help="Height of an NMEA log's antenna above the ground, m, in place of the log's."),
+    ] = None,
 ) -> Imported:
     """Import HDF5, MATLAB, NumPy, MCAP, CSV, Touchstone or SigMF files by a mapping.
 
@@ -149,6 +154,7 @@ def import_mapped(
         "body": body is not None,
         "axes": axes is not None,
         "max_gap": max_gap != 1.0,
+        "above_ground": above_ground is not None,
     }
     dropped = [name for name, is_given in of_tracks.items() if is_given]
     if track is None and dropped:
@@ -158,7 +164,7 @@ def import_mapped(
         )
     target = check_parent_folder(output)
     fixes, lane_anchor, notes = track_and_anchor(
-        track, anchor, anchor_from_track, body, axes, max_gap
+        track, anchor, anchor_from_track, body, axes, max_gap, above_ground
     )
     poses = None if survey is None else read_survey(survey)
     imported = read_mapped(

@@ -27,6 +27,7 @@ def _lines(returned: Any, call: Arguments) -> Iterator[str]:
         yield from model_lines(returned)
     else:
         yield from info_lines(returned)
+        yield f"`flgpr check {first}` says whether it is right: signs, orders, heading, units"
         if call.plot is not None:
             yield f"plot: {call.plot.resolve()}"
 

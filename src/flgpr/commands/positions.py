@@ -90,6 +90,7 @@ def track_of(
     body: str | None = None,
     axes: Sequence[str] | None = None,
     max_gap: float = 1.0,
+    above_ground: float | None = None,
 ) -> pd.DataFrame:
     """Read a track from CSV (:func:`flgpr.formats.read_track`), or from an NMEA log.
 
@@ -105,6 +106,8 @@ def track_of(
         Axes of the lane in those of the take.
     max_gap : float
         Longest gap of a take that is bridged, s.
+    above_ground : float, optional
+        Height of the antenna of an NMEA log above the ground, m, in place of the log's.
 
     Returns
     -------
@@ -118,11 +121,17 @@ def track_of(
     """
     from flgpr.formats.tracks import read_nmea, read_track  # the readers of array files are slow
 
-    if existing(path, "track").suffix.lower() == ".csv":
+    is_table = existing(path, "track").suffix.lower() == ".csv"
+    if above_ground is not None and (is_table or not above_ground > 0):
+        raise ValueError(
+            f"above-ground must be the positive height of an NMEA log's antenna, m, got "
+            f"{above_ground:g} for {path}"
+        )
+    if is_table:
         return read_track(path, "column", body, axes, max_gap)
     lane_anchor = read_optional_anchor(anchor)
     if lane_anchor is None:
         raise ValueError(
             f"{path}: a track of a satellite receiver needs an anchor to lie in the lane"
         )
-    return read_nmea(path, lane_anchor)
+    return read_nmea(path, lane_anchor, height=above_ground)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
@@ -13,6 +13,7 @@ from flgpr.commands.shell import Arguments, RawText, command
 
 if TYPE_CHECKING:
     from flgpr.recipe.schema import Recipe
+    from flgpr.recipe.suggest import Suggestions
 
 RecipeArgument = Annotated[PathLike, Argument(help="Packaged recipe or TOML file."), ShellType(str)]
 
@@ -87,6 +88,56 @@ def recipe_for(
     from flgpr.recipe.make import recipe_for as write_recipe
 
     return write_recipe(run, output, like=like)
+
+
+def _suggestion_lines(suggestions: Suggestions, call: Arguments) -> Iterator[Any]:
+    """Yield the answer, a row for every recipe, and what the figures are."""
+    from rich.table import Table
+
+    from flgpr.recipe.suggest import evidence
+
+    tracks = evidence()["tracks"]
+    yield suggestions.answer.replace("RUN", str(call.run))
+    yield ""
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="")
+    for heading in ("recipe", "", *tracks, "training", "what the run lacks"):
+        table.add_column(heading, justify="right" if heading in tracks else "left")
+    for one in suggestions.ranked:
+        counts = [str(one.found.get(name, "·")) for name in tracks]
+        learns = "needed" if one.learns else "none"
+        table.add_row(one.recipe, one.verdict, *counts, learns, "; ".join(one.why))
+    yield table
+    yield ""
+    for name, track in tracks.items():
+        yield (
+            f"{name}: mines found of {track['of']} at {track['far']:g} false alarms per m², on "
+            f"{track['lanes']}"
+        )
+    yield "p: against made, which ranks by the contrast C_HH"
+
+
+@command(
+    lines=_suggestion_lines,
+    as_json=lambda suggestions, _: suggestions.as_json(),
+    quiet=False,
+)
+def suggest_recipe(run: RunArgument) -> Suggestions:
+    """Rank the recipes that fit a run by what they found elsewhere, and say what it lacks for others.
+
+    Returns
+    -------
+    Suggestions
+        ``answer``, one sentence, and ``ranked``, the recipes.
+
+    Raises
+    ------
+    ValueError
+        If the run cannot be read, or has no complete scan.
+    """
+    from flgpr.recipe.suggest import suggest
+    from flgpr.store import open_run
+
+    return suggest(open_run(run))
 
 
 @command(lines=lambda recipe, call: [f"{call.name}: good ({recipe.description})"], quiet=False)

@@ -276,8 +276,9 @@ class MappingDraft:
             if places.is_table:
                 unit = unit.replace("m?", "m")  # as receivers tell heights
             degrees = _degrees(columns["longitude"], columns["latitude"])
-            entry = {**names, "angle_unit": degrees, "unit": unit}
-            return "geodetic", entry, "needs --anchor, or --anchor-from-track"
+            entry = {**names, "above_ground": "?", "angle_unit": degrees, "unit": unit}
+            comment = "above_ground: height of the positioning antenna, in place of the receiver's"
+            return "geodetic", entry, f"{comment}; needs --anchor, or --anchor-from-track"
         if places.holds("position"):
             entry = {"variable": columns["position"].info.name}
             if columns["position"].info.shape[1] == 2:

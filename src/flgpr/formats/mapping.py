@@ -184,9 +184,18 @@ class Geodetic(_Table):
     file: str = "data"
     longitude: EntryValue
     latitude: EntryValue
-    height: EntryValue  #: over the ellipsoid
+    height: EntryValue | None = None  #: over the ellipsoid
+    #: height of the positioning antenna above the ground, in place of the receiver's heights, which
+    #: are too coarse for it, and over another ground where the lane is tied to the track
+    above_ground: Annotated[float, Field(gt=0)] | None = None
     angle_unit: str  #: of longitude and latitude
     unit: str  #: of the height
+
+    @model_validator(mode="after")
+    def _has_height(self) -> Geodetic:
+        if self.height is None and self.above_ground is None:
+            raise ValueError("give height, or above_ground")
+        return self
 
 
 class Orientation(_Table):

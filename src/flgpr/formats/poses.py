@@ -228,7 +228,9 @@ class _PlaceReader:
         scale = factor(spec.unit, "length", f"{where}.unit")
         columns = []
         for name in ("longitude", "latitude", "height"):
-            columns.append(self._component(getattr(spec, name), spec.file, f"{where}.{name}"))
+            entry = getattr(spec, name)
+            entry = 0.0 if entry is None else entry  # above_ground is told in its place
+            columns.append(self._component(entry, spec.file, f"{where}.{name}"))
         fixes = np.stack(columns, axis=1) * (degrees, degrees, scale)
         with self.sources.entry(where, spec.file):
             known = fixes[np.isfinite(fixes[:, :2]).all(axis=1)]
@@ -244,15 +246,18 @@ def _in_the_lane(fixes: FloatArray, spec: Geodetic, where: str, anchor: Anchor) 
 
     Where the anchor has no heights, a height is a number, and one over the ground.
     """
-    if not anchor.heights_known and not isinstance(spec.height, float):
+    if spec.above_ground is not None:
+        fixes = fixes.copy()
+        fixes[:, 2] = spec.above_ground * factor(spec.unit, "length", f"{where}.unit")
+    elif not anchor.heights_known and not isinstance(spec.height, float):
         raise ValueError(
-            f"{where}.height must be a number, the height over the ground: "
+            f"{where}.height must be a number, the height over the ground, or above_ground given: "
             "the anchor's points have none"
         )
     known = np.isfinite(fixes[:, :2]).all(axis=1)
     position = np.full(fixes.shape, np.nan)
     if known.any():
         position[known] = anchor.from_geodetic(fixes[known])
-    if not anchor.heights_known:
+    if spec.above_ground is not None or not anchor.heights_known:
         position[:, 2] = fixes[:, 2]
     return position

@@ -24,12 +24,13 @@ ComplexArray = NDArray[np.complexfloating]
 _UNEVEN = 1e-3  # of the step, by which tones that count as even may differ
 _MOST_TONES = 512  # enough for a coarse image
 _OVERSAMPLING = 4  # of range profiles that are read by linear interpolation
-_AIRBORNE = 100.0  # m above the ground, from where on no ground vehicle's array looks ahead
 _LEAST_SHARE = 0.05  # of the power that the paths of a scene and their mirror hold, to be compared
 _BRIGHT = 12  # pixels whose focus is compared
 _CELL = 0.05  # of the height, m of a pixel
 _SMOOTH = 3  # pixels over which the levels of a look are averaged, both ways
 _OVERLAP = 8  # least rows that two looks must share
+AIRBORNE = 100.0
+"""Height above the ground, m, from where on no ground vehicle's array looks ahead."""
 BLOCKS = 4
 """Stretches of consecutive scans that are looked at."""
 BLOCK_SCANS = 7
@@ -78,22 +79,27 @@ class GeometryFigures:
             del values[:-most]
 
 
-def median(values: Sequence[float]) -> float:
+def median(values: Sequence[float] | FloatArray) -> float:
     """Return the median of values; NaN where there are none."""
     return float(np.median(values)) if len(values) else np.nan
 
 
-def mean(values: Sequence[float]) -> float:
+def mean(values: Sequence[float] | FloatArray) -> float:
     """Return the mean of values; NaN where there are none."""
     return float(np.mean(values)) if len(values) else np.nan
 
 
-def deviations(values: Sequence[float]) -> float:
+def deviations(values: Sequence[float] | FloatArray) -> float:
     """Return the mean of values over its standard error; 0 for fewer than four."""
     if len(values) < 4:
         return 0.0
     error = float(np.std(values, ddof=1)) / np.sqrt(len(values))
     return mean(values) / error if error > 0 else 0.0
+
+
+def like_polarized(polarizations: Sequence[str]) -> list[int]:
+    """Return the numbers of the like polarizations, which see ground best; else of the first."""
+    return [k for k, name in enumerate(polarizations) if name in ("HH", "VV")] or [0]
 
 
 class GeometryCheck:
@@ -108,7 +114,7 @@ class GeometryCheck:
     polarizations : sequence of str
         Names of the polarizations.
     standing : (polarization, pair, frequency) ndarray of complex
-        What stands still, and is no echo of the ground.
+        What stands still, and is no echo of the ground; like the polarizations for :meth:`figures`.
     """
 
     def __init__(
@@ -116,8 +122,8 @@ class GeometryCheck:
         frequency: FloatArray,
         tx_position: FloatArray,
         rx_position: FloatArray,
-        polarizations: Sequence[str],
-        standing: ComplexArray,
+        polarizations: Sequence[str] = (),
+        standing: ComplexArray | None = None,
     ) -> None:
         self._step = float(np.median(np.diff(frequency))) if frequency.size > 1 else np.nan
         even = frequency.size > 8 and np.ptp(np.diff(frequency)) < _UNEVEN * self._step
@@ -125,10 +131,8 @@ class GeometryCheck:
         self._frequency = frequency[self.tones] if even else frequency
         self._tx = tx_position
         self._rx = rx_position
-        names = list(polarizations)
-        like = [k for k, name in enumerate(names) if name in ("HH", "VV")]
-        self.polarizations = like or [0]
-        self._standing = standing
+        self.polarizations = like_polarized(polarizations)
+        self._standing = np.zeros(1, np.complex64) if standing is None else standing
 
     @cached_property
     def _window(self) -> FloatArray:
@@ -152,14 +156,14 @@ class GeometryCheck:
         if self.tones is None or not len(scans):
             return found
         height = float(np.median(pose[:, 2]) + np.mean([self._tx[:, 2], self._rx[:, 2]]))
-        if not 0 < height < _AIRBORNE:
+        if not 0 < height < AIRBORNE:
             return found
-        patch = _Patch(height)
+        patch = Patch(height)
         for k in self.polarizations:
             before: tuple[int, ComplexArray, FloatArray] | None = None
             for number, signal in zip(scans, signals, strict=True):
                 echoes = (signal[k] - self._standing[k])[:, self.tones]
-                profiles, step = self._profiles(echoes)
+                profiles, step = self.profiles(echoes)
                 image = self._judge_scan(
                     found, number, echoes, (profiles, step), pose[number], patch
                 )
@@ -181,20 +185,20 @@ class GeometryCheck:
         echoes: ComplexArray,
         profiled: tuple[ComplexArray, float],
         pose: FloatArray,
-        patch: _Patch,
+        patch: Patch,
     ) -> ComplexArray:
         """Add what a scan shows by itself; return its image (point,)."""
         profiles, step = profiled
-        tx, rx = self._antennas(pose)
-        path_db = self._path_db(profiles, step, patch.height)
+        tx, rx = self.antennas(pose)
+        path_db = self.scene_db(profiles, step, patch.height)
         found.add("path_db", path_db)
-        image = self._image(profiles, step, tx, rx, patch.points)
+        image = self.image(profiles, step, tx, rx, patch.points)
         if number % 2:
-            mirrored = self._image(profiles, step, tx, rx * [-1, 1, 1], patch.points)
+            mirrored = self.image(profiles, step, tx, rx * [-1, 1, 1], patch.points)
             found.add("receivers", _focus(mirrored) - _focus(image))
         if path_db < 0:
             focus = [
-                _focus(self._image(*self._profiles(other), tx, rx, patch.points))
+                _focus(self.image(*self.profiles(other), tx, rx, patch.points))
                 for other in (echoes.conj(), echoes[:, ::-1])
             ]
             found.add("conjugated", focus[0] / focus[1])
@@ -207,14 +211,14 @@ class GeometryCheck:
         step: float,
         pose: FloatArray,
         number: int,
-        patch: _Patch,
+        patch: Patch,
     ) -> dict[int, float]:
         """Return how alike the ground looks to a scan and to the one before, phase included.
 
         Where the second lies from the first is taken from the poses as they are (0), from those of
         one scan later (1) and of one earlier (-1).
         """
-        tx, rx = self._antennas(pose[number])
+        tx, rx = self.antennas(pose[number])
         seen = before[::2]
         alike = {}
         for shift in (0, 1, -1):
@@ -223,28 +227,33 @@ class GeometryCheck:
                 alike[shift] = np.nan
                 continue
             places = lane_to_scan(scan_to_lane(patch.points[::2], pose[first]), pose[second])
-            again = self._image(profiles, step, tx, rx, places).sum(axis=0)
+            again = self.image(profiles, step, tx, rx, places).sum(axis=0)
             power = np.linalg.norm(seen) * np.linalg.norm(again)
             alike[shift] = float(abs(np.vdot(again, seen)) / power) if power > 0 else np.nan
         return alike
 
-    def _antennas(self, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def antennas(self, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the antennas in the scan frame, whose origin is the ground below the array."""
         return vehicle_to_scan(self._tx, pose), vehicle_to_scan(self._rx, pose)
 
-    def _profiles(self, echoes: ComplexArray) -> tuple[ComplexArray, float]:
-        """Return range profiles (pair, bin) and the path of a bin, m."""
+    def profiles(self, echoes: ComplexArray) -> tuple[ComplexArray, float]:
+        """Return range profiles (..., pair, bin) of echoes, and the path of a bin, m."""
         tones = self._frequency.size
         size = 1 << int(_OVERSAMPLING * tones - 1).bit_length()
-        spectrum = np.zeros((len(echoes), size), np.complex64)
+        spectrum = np.zeros((*echoes.shape[:-1], size), np.complex64)
         # the middle tone at zero: profiles turn slowly from bin to bin
         places = (np.arange(tones) - tones // 2) % size
-        spectrum[:, places] = echoes * self._window
+        spectrum[..., places] = echoes * self._window
         profiles = np.fft.ifft(spectrum, axis=-1, norm="forward")
-        return profiles, SPEED_OF_LIGHT / (self._step * size)
+        return profiles, self.path_of(size)
 
-    def _path_db(self, profiles: ComplexArray, path: float, height: float) -> float:
-        """Return the power at paths of the scene over that at their mirror, dB."""
+    def path_of(self, bins: int) -> float:
+        """Return the path of one of so many bins of a profile, m."""
+        return SPEED_OF_LIGHT / (self._step * bins)
+
+    @staticmethod
+    def scene_db(profiles: ComplexArray, path: float, height: float) -> float:
+        """Return the power at paths of the scene over that at their mirror, dB; NaN: not known."""
         power = (np.abs(profiles) ** 2).sum(axis=0)
         unambiguous = path * power.size
         nearest = 2.1 * height
@@ -258,7 +267,7 @@ class GeometryCheck:
             return np.nan
         return float(10 * np.log10(scene / mirror))
 
-    def _image(
+    def image(
         self,
         profiles: ComplexArray,
         path: float,
@@ -266,26 +275,37 @@ class GeometryCheck:
         rx: FloatArray,
         points: FloatArray,
     ) -> ComplexArray:
-        """Return the image of every pair (pair, point)."""
-        wave = 2j * np.pi * self._frequency[self._frequency.size // 2] / SPEED_OF_LIGHT
-        length = np.zeros(1)
+        """Return the image of every pair (..., pair, point)."""
+        turns = self._frequency[self._frequency.size // 2] / SPEED_OF_LIGHT
+        length = np.zeros(1, np.float64)
         turn: ComplexArray = np.ones(1, np.complex64)
-        for antennas in (tx, rx):  # pairs share antennas
-            places, of_pair = np.unique(antennas, axis=0, return_inverse=True)
-            way = np.linalg.norm(points - places[:, None], axis=-1)
-            length = length + way[of_pair.ravel()]
-            turn = turn * np.exp(wave * way).astype(np.complex64)[of_pair.ravel()]
+        for antennas, (first, of_pair) in zip((tx, rx), self._antennas_used, strict=True):
+            x, y, z = np.moveaxis(points - antennas[first, None], -1, 0)
+            way = np.sqrt(x * x + y * y + z * z)
+            angle = (2 * np.pi * np.mod(turns * way, 1)).astype(np.float32)
+            length = length + way[of_pair]
+            turn = turn * (np.cos(angle) + 1j * np.sin(angle))[of_pair]
         position = length / path
         below = position.astype(np.int32)
         share = (position - below).astype(np.float32)
-        bins = profiles.shape[1]
-        rows = np.arange(len(profiles))[:, None]
-        lower = profiles[rows, below % bins]
-        upper = profiles[rows, (below + 1) % bins]
+        bins = profiles.shape[-1]
+        flat = profiles.reshape(*profiles.shape[:-2], -1)
+        rows = bins * np.arange(profiles.shape[-2])[:, None]
+        lower = flat.take(rows + below % bins, axis=-1)
+        upper = flat.take(rows + (below + 1) % bins, axis=-1)
         return np.asarray((lower + share * (upper - lower)) * turn)
 
+    @cached_property
+    def _antennas_used(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+        """For transmitters and receivers a pair that has each, and which of these a pair has."""
+        used = []
+        for places in (self._tx, self._rx):  # pairs share antennas
+            _, first, of_pair = np.unique(places, axis=0, return_index=True, return_inverse=True)
+            used.append((first, of_pair.ravel()))
+        return used
 
-class _Patch:
+
+class Patch:
     """Ground ahead of an array at a height, m, that a coarse image is made of."""
 
     def __init__(self, height: float) -> None:

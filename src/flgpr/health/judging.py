@@ -25,13 +25,14 @@ from flgpr.health.findings import (
     finding,
     listed,
 )
-from flgpr.health.geometry import GeometryFigures, deviations, mean, median
+from flgpr.health.geometry import GeometryFigures, deviations, like_polarized, mean, median
 from flgpr.health.sums import LEAST_POWER, HealthSums
 from flgpr.model import Lane
 from flgpr.types import FloatArray
 
 BoolArray = NDArray[np.bool_]
 _BEFORE_LANE = 10.0  # m
+_LEAST_USUAL = 0.5  # likeness of neighbouring tones under which they say nothing of one another
 _LEAST_PAIRS = 4  # of fewer, the level of one says little of another's
 _MOST_HOT = 0.25  # of the pairs
 _SILENT_DB = 300.0  # under the median pair, stands for no power at all
@@ -83,7 +84,7 @@ HEALTHY = Health()
 
 def judge_sums(sums: HealthSums, radar: Radar) -> list[Finding]:
     """Return what sums tell of channels, tones, time zero and repeated scans."""
-    found = [*_missing(sums, radar), *_levels(sums, radar)]
+    found = [*_missing(sums, radar), *judge_levels(sums, radar)]
     found += [*_polarizations(sums, radar), *_stuck(sums, radar)]
     if sums.scans < LEAST_SCANS:
         return found
@@ -92,6 +93,30 @@ def judge_sums(sums: HealthSums, radar: Radar) -> list[Finding]:
         found += [*_noise(sums), *_tones(sums, radar), *_jitter(sums, radar)]
     found += _turned(sums, radar)
     return found
+
+
+def statistics(sums: HealthSums, radar: Radar) -> dict[str, float]:
+    """Return what the findings of :func:`judge_sums` are judged by, by their names."""
+    levels = np.maximum(over_living(channel_levels(sums)), -_SILENT_DB)
+    figures = {
+        "missing pairs": float((1 - sums.sweeps / max(sums.scans, 1)).max()),
+        "dead polarization": float(under_loudest(sums).max()),
+        "stuck pairs": float((sums.stuck >= np.maximum(sums.steps, 1)[..., None]).mean(-1).max()),
+        "repeated scans": float(sums.repeated),
+    }
+    if levels.shape[1] >= _LEAST_PAIRS:
+        figures["dead pairs"] = float(-levels.min())
+        figures["hot pairs"] = float(over_alike(levels, radar).max())
+        figures["turned pairs"] = float(len(turned_pairs(sums, radar)))
+    if sums.shape[2] >= LEAST_TONES and sums.changes:
+        likeness = sums.tone_likeness
+        noisy = likeness < NOISY_LIKENESS * np.median(likeness)
+        figures["disturbed tones"] = float(sums.changed_db.max())
+        if np.median(likeness) > _LEAST_USUAL:
+            figures["noisy tones"] = float(noisy.mean())
+        figures["noise"] = 1 - sums.likeness
+        figures["jitter"] = jitter_ps(sums, radar)
+    return figures
 
 
 def what_to_leave_out(findings: Sequence[Finding], radar: Radar) -> Health:
@@ -250,14 +275,19 @@ def over_alike(levels: FloatArray, radar: Radar) -> FloatArray:
     return over
 
 
-def _levels(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
-    """Yield pairs that are far under or over the others; of a few, those that are zero."""
+def judge_levels(
+    sums: HealthSums,
+    radar: Radar,
+    weak: float = LIMITS["dead pairs"].most,
+    loud: float = LIMITS["hot pairs"].most,
+) -> Iterator[Finding]:
+    """Yield pairs that are ``weak`` dB under or ``loud`` dB over the others; of a few, silent ones."""
     levels = np.maximum(channel_levels(sums), -_SILENT_DB)
     known = sums.sweeps > 0
     if not (levels[known] > -_SILENT_DB).any():
         return
     levels = np.maximum(over_living(levels), -_SILENT_DB)
-    dead = known & (levels < -LIMITS["dead pairs"].most)
+    dead = known & (levels < -weak)
     if levels.shape[1] < _LEAST_PAIRS:
         dead = known & (levels == -_SILENT_DB)
     if dead.any():
@@ -265,7 +295,7 @@ def _levels(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
     if levels.shape[1] < _LEAST_PAIRS:
         return
     over = over_alike(levels, radar)
-    hot = known & (over > LIMITS["hot pairs"].most)
+    hot = known & (over > loud)
     if hot.any():
         yield _of_channels("hot pairs", hot, float(over[hot].max()), radar)
 
@@ -340,7 +370,7 @@ def _tones(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
     told = marked[1:] | marked[:-1]
     unlike = likeness < NOISY_LIKENESS * usual
     share = np.count_nonzero(unlike & ~told) / likeness.size
-    if usual > 0.2 and share > LIMITS["noisy tones"].most:
+    if usual > _LEAST_USUAL and share > LIMITS["noisy tones"].most:
         # A good tone beside a noisy one is unlike it, too, but like the one on its other side.
         beside = np.pad(unlike, 1, constant_values=True)
         noisy = np.flatnonzero(beside[1:] & beside[:-1] & ~marked)
@@ -375,8 +405,7 @@ def turned_pairs(sums: HealthSums, radar: Radar) -> list[int]:
     Along the receivers of a transmitter every correlation of neighbours has the sign that most of
     them have, but where one of the two is turned. The fewer are the turned ones.
     """
-    like = [k for k, name in enumerate(radar.polarizations) if name in ("HH", "VV")] or [0]
-    likeness = sums.pair_likeness[like].mean(axis=0)
+    likeness = sums.pair_likeness[like_polarized(radar.polarizations)].mean(axis=0)
     tx = radar.tx_position
     same = np.all(np.isclose(tx[1:], tx[:-1]), axis=1)
     if not same.any():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -9,7 +11,13 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.health.findings import LEAST_SCANS
-from flgpr.health.geometry import GeometryCheck, GeometryFigures, sampled_scans
+from flgpr.health.geometry import (
+    GeometryCheck,
+    GeometryFigures,
+    like_polarized,
+    sampled_scans,
+)
+from flgpr.health.hypotheses import BLOCK_SCANS, BLOCKS, MOST_LAG, Taken
 from flgpr.health.judging import (
     Health,
     LeftOut,
@@ -29,6 +37,15 @@ MOST_SCANS = 256
 _STRETCH = 32  # scans of a stretch
 
 
+@dataclass(frozen=True)
+class Examined:
+    """What one pass over a run shows."""
+
+    health: Health
+    radar: Radar
+    sums: HealthSums
+
+
 def health_of_run(run: xr.Dataset, lane: Lane | None = None) -> Health:
     """Judge the health of a run by its raw data and poses, in one pass.
 
@@ -44,8 +61,13 @@ def health_of_run(run: xr.Dataset, lane: Lane | None = None) -> Health:
     Health
         What is wrong, and which pairs and tones are to be left out.
     """
+    return examined(run, lane).health
+
+
+def examined(run: xr.Dataset, lane: Lane | None = None, drift: bool = False) -> Examined:
+    """Judge the health of a run, see :func:`health_of_run`; with ``drift`` the sums tell it."""
     radar = radar_of(run)
-    sums, steps, samples = read_sums(run)
+    sums, steps, samples = read_sums(run, drift)
     found = judge_sums(sums, radar)
     found += judge_motion(steps, np.array(sums.changed))
     settled = what_to_leave_out(found, radar)
@@ -55,7 +77,7 @@ def health_of_run(run: xr.Dataset, lane: Lane | None = None) -> Health:
         figures = geometry_figures(run, radar, sums, samples, settled.left_out)
         findings += judge_geometry(figures)
     findings += judge_course(run["pose"].values, lane)
-    return Health(tuple(findings), settled.left_out)
+    return Examined(Health(tuple(findings), settled.left_out), radar, sums)
 
 
 def radar_of(run: xr.Dataset) -> Radar:
@@ -68,11 +90,13 @@ def radar_of(run: xr.Dataset) -> Radar:
     )
 
 
-def read_sums(run: xr.Dataset) -> tuple[HealthSums, FloatArray, dict[int, NDArray[Any]]]:
+def read_sums(
+    run: xr.Dataset, drift: bool = False
+) -> tuple[HealthSums, FloatArray, dict[int, NDArray[Any]]]:
     """Read scans once.
 
-    Return their sums, the distance (m) of each from the one before, and the data of those that are
-    looked at, by number.
+    Return their sums (with those of the quarters, which tell drift), the distance (m) of each from
+    the one before, and the data of those that are looked at, by number.
     """
     scans = run.sizes["scan"]
     numbers = np.arange(scans)
@@ -81,7 +105,7 @@ def read_sums(run: xr.Dataset) -> tuple[HealthSums, FloatArray, dict[int, NDArra
         numbers = np.unique(starts[:, None] + np.arange(_STRETCH))
     pose = run["pose"].values
     looked_at = set(numbers[sampled_scans(numbers.size)].tolist())
-    sums = HealthSums(run["signal"].shape[1:])
+    sums = HealthSums(run["signal"].shape[1:], numbers.size if drift else 0)
     steps = np.full(numbers.size, np.nan)
     samples: dict[int, NDArray[Any]] = {}
     before = -2
@@ -110,25 +134,63 @@ def geometry_figures(
     if sums.scans < LEAST_SCANS or not np.isfinite(pose).all():
         return GeometryFigures()
     pairs = np.setdiff1d(np.arange(sums.shape[1]), left_out.pairs)
-    standing = sums.standing / np.maximum(sums.sweeps, 1)[..., None]
-    standing = standing.astype(np.complex64)
-    standing[..., list(left_out.tones)] = 0
+    standing = _kept(sums.standing / np.maximum(sums.sweeps, 1)[..., None], left_out)
     usable = {}
     for number, signal in samples.items():
-        kept = signal
-        if left_out.tones:
-            kept = signal.copy()
-            kept[..., list(left_out.tones)] = 0
-        if np.isfinite(kept[:, pairs]).all():
-            usable[number] = kept[:, pairs]
+        kept = _kept(signal, left_out)
+        if np.isfinite(kept).all():
+            usable[number] = kept
     check = GeometryCheck(
         radar.frequency,
         radar.tx_position[pairs],
         radar.rx_position[pairs],
         radar.polarizations,
-        standing[:, pairs],
+        standing,
     )
     return check.figures(list(usable), list(usable.values()), pose)
+
+
+def _kept(signal: NDArray[Any], left_out: LeftOut) -> NDArray[np.complex64]:
+    """Return data (polarization, pair, frequency) without pairs, and with tones set to zero."""
+    kept = np.delete(signal, left_out.pairs, axis=1).astype(np.complex64)
+    kept[..., list(left_out.tones)] = 0
+    return kept
+
+
+def taken_of_run(run: xr.Dataset, of_run: Examined) -> Taken | None:
+    """Return stretches of consecutive scans as they are stated; None where there are too few.
+
+    Scans with a sweep that is not finite are left out.
+    """
+    pose = np.asarray(run["pose"].values, np.float64)
+    sums, radar, left_out = of_run.sums, of_run.radar, of_run.health.left_out
+    scans = len(pose)
+    margin = MOST_LAG if scans >= 2 * BLOCKS + 2 * MOST_LAG else 0
+    count = min(BLOCKS, (scans - 2 * margin) // BLOCK_SCANS)
+    starts = np.linspace(margin, scans - margin - BLOCK_SCANS, max(count, 1)).astype(int)
+    standing = _kept(sums.standing / np.maximum(sums.sweeps, 1)[..., None], left_out)
+    echoes = []
+    numbers = []
+    stretch = []
+    for place, number in product(range(count), range(BLOCK_SCANS)):
+        number += int(starts[place])
+        kept = _kept(run["signal"].variable[number].values, left_out)
+        if np.isfinite(kept).all() and np.isfinite(pose[number]).all():
+            echoes.append((kept - standing)[like_polarized(radar.polarizations)])
+            numbers.append(number)
+            stretch.append(place)
+    if len(numbers) < LEAST_SCANS:
+        return None
+    pairs = np.setdiff1d(np.arange(len(radar.tx_position)), left_out.pairs)
+    return Taken(
+        np.array(echoes),
+        np.array(numbers),
+        np.array(stretch),
+        radar.frequency,
+        radar.tx_position[pairs],
+        radar.rx_position[pairs],
+        pose,
+    )
 
 
 def without(run: xr.Dataset, left_out: LeftOut) -> xr.Dataset:

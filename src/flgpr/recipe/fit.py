@@ -159,9 +159,8 @@ def _raise(recipe: Recipe, faults: list[str]) -> None:
         raise ValueError(f"recipe {recipe.name} does not fit the run: {listed}")
 
 
-def _channel_faults(recipe: Recipe, polarizations: Sequence[str], tones: FloatArray) -> list[str]:
-    """Return the entries that ask for polarizations or tones that are not measured."""
-    known = ", ".join(polarizations)
+def asked_polarizations(recipe: Recipe) -> list[tuple[str, str]]:
+    """Return the polarizations that a recipe asks for, each behind the entry that does."""
     asked = [("contrast.polarization", recipe.contrast.polarization)]
     if recipe.map is None:
         asked.insert(0, ("prescreen.polarization", recipe.prescreen.polarization))
@@ -170,9 +169,14 @@ def _channel_faults(recipe: Recipe, polarizations: Sequence[str], tones: FloatAr
     if recipe.map is not None:
         for name in getattr(recipe.map.settings, "polarizations", ()):
             asked.append(("map.polarizations", name))
+    return asked
 
+
+def _channel_faults(recipe: Recipe, polarizations: Sequence[str], tones: FloatArray) -> list[str]:
+    """Return the entries that ask for polarizations or tones that are not measured."""
+    known = ", ".join(polarizations)
     faults = []
-    for entry, name in asked:
+    for entry, name in asked_polarizations(recipe):
         if name not in polarizations:
             faults.append(f"{entry} must be one the run has ({known}), got {name!r}")
     if recipe.features is not None and not allow_features(polarizations):

@@ -1,0 +1,164 @@
+"""What ``flgpr check`` says of faults that are put into clean drives of the packaged arrays, one at a time.
+
+The drives are those of ``faults.py`` (``drive``, 80 m of ``sri-array``) and ``health_limits.py`` (14 m and 7 m of the
+other arrays); each is simulated once and kept. Usage::
+
+    python evidence/checked_faults.py WORK_FOLDER [--drives NAME ...] [--only FAULT ...] [--table]
+
+What was checked is kept in ``WORK_FOLDER/checked.jsonl``; a second call checks the rest, and prints the table.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from common import markdown
+from faults import SEED, drive, interference
+from flgpr.health.checking import RIGHT, UNSEEN, check_run
+from flgpr.model import make_run
+from flgpr.store import open_run
+from health_limits import ARRAYS, stored_drive
+
+SITE = "prepared-sand"
+Parts = dict[str, np.ndarray]
+PART_NAMES = ("signal", "frequency", "polarization", "tx_position", "rx_position", "pose", "time")
+
+
+def on(name: str, change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Parts], Parts]:
+    """Return a fault that changes one part of a run."""
+    return lambda parts: {**parts, name: change(parts[name])}
+
+
+def scaled_pair(factor: float) -> Callable[[Parts], Parts]:
+    """Return a fault that multiplies the data of the fourth pair."""
+    return on(
+        "signal",
+        lambda signal: signal * np.where(np.arange(signal.shape[2]) == 3, factor, 1)[:, None],
+    )
+
+
+def late(scans: int) -> Callable[[Parts], Parts]:
+    """Return a fault that gives every scan the pose of so many scans before."""
+    return on("pose", lambda pose: pose[np.clip(np.arange(len(pose)) - scans, 0, len(pose) - 1)])
+
+
+def moved(*offset: float) -> Callable[[Parts], Parts]:
+    """Return a fault that adds to all poses: x, y, z (m), heading, pitch and roll (degrees)."""
+    return on("pose", lambda pose: pose + np.array([*offset[:3], *np.deg2rad(offset[3:])]))
+
+
+def drifting(signal: np.ndarray) -> np.ndarray:
+    """Return data whose gain rises by 3 dB over the run."""
+    return signal * 10 ** (np.linspace(0, 3, len(signal)) / 20)[:, None, None, None]
+
+
+def interfered(parts: Parts) -> Parts:
+    """Return a run on three tones of which something else transmits, 30 dB over the mean."""
+    signal, _ = interference(30.0)(
+        parts["signal"].copy(), parts["pose"], np.random.default_rng(SEED)
+    )
+    return {**parts, "signal": signal}
+
+
+def reversed_receivers(parts: Parts) -> Parts:
+    """Return a run whose receivers are listed from right to left instead of from left to right."""
+    return {**parts, "rx_position": parts["rx_position"] * [-1, 1, 1]}
+
+
+FAULTS: dict[str, Callable[[Parts], Parts]] = {
+    "clean": lambda parts: parts,
+    "conjugated": on("signal", np.conj),
+    "tones in reverse order": on("signal", lambda signal: signal[..., ::-1]),
+    "receivers in reverse order": reversed_receivers,
+    "poses one scan late": late(1),
+    "poses two scans late": late(2),
+    "datum 2 m ahead": moved(0, 2, 0, 0, 0, 0),
+    "heading turned by 180 degrees": moved(0, 0, 0, 180, 0, 0),
+    "heading off by 20 degrees": moved(0, 0, 0, 20, 0, 0),
+    "height 0.3 m too large": moved(0, 0, 0.3, 0, 0, 0),
+    "height 0.3 m too small": moved(0, 0, -0.3, 0, 0, 0),
+    "positions in feet": on("pose", lambda pose: pose / [0.3048, 0.3048, 1, 1, 1, 1]),
+    "frequencies in MHz": on("frequency", lambda frequency: frequency / 1e6),
+    "angles in degrees": on("pose", lambda pose: pose * [1, 1, 1, *[180 / np.pi] * 3]),
+    "one pair dead": scaled_pair(1e-4),
+    "one pair 30 dB hot": scaled_pair(10**1.5),
+    "one pair 10 dB hot": scaled_pair(10**0.5),
+    "3 tones disturbed, 30 dB": interfered,
+    "gain drifts by 3 dB": on("signal", drifting),
+}
+"""Faults by name; each takes the parts of a run and returns them changed."""
+
+
+def faulty(run: xr.Dataset, name: str) -> xr.Dataset:
+    """Return a run with a fault."""
+    parts = FAULTS[name]({part: run[part].values for part in PART_NAMES})
+    signal = np.asarray(parts.pop("signal"), np.complex64)
+    return make_run(signal, *parts.values(), {"title": name})
+
+
+def checked(run: xr.Dataset) -> dict[str, object]:
+    """Check a run, and return the verdict, and what is wrong or doubtful."""
+    begun = time.monotonic()
+    found = check_run(run)
+    told = [
+        f"{one.verdict}: {one.words}" for one in found.checks if one.verdict not in (RIGHT, UNSEEN)
+    ]
+    return {
+        "verdict": found.verdict,
+        "told": told,
+        "answer": found.answer,
+        "seconds": round(time.monotonic() - begun, 1),
+    }
+
+
+def main() -> None:
+    """Check what was not checked before, and print the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("work", type=Path, help="folder that keeps the drives")
+    parser.add_argument("--drives", nargs="*", default=["drive", *ARRAYS])
+    parser.add_argument("--only", nargs="*", default=list(FAULTS))
+    parser.add_argument("--table", action="store_true", help="print the table alone")
+    options = parser.parse_args()
+    options.work.mkdir(parents=True, exist_ok=True)
+    log = options.work / "checked.jsonl"
+    rows = [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []
+    done = {(row["drive"], row["fault"]) for row in rows}
+    for name in [] if options.table else options.drives:
+        whole = name == "drive"
+        run = open_run(drive(options.work)) if whole else stored_drive(options.work, SITE, name, 1)
+        for fault in options.only:
+            if (name, fault) in done:
+                continue
+            try:
+                row = {"drive": name, "fault": fault, **checked(faulty(run, fault))}
+            except ValueError as error:
+                row = {
+                    "drive": name,
+                    "fault": fault,
+                    "verdict": "refused",
+                    "told": [str(error)],
+                    "seconds": 0,
+                }
+            rows.append(row)
+            with log.open("a") as file:
+                file.write(json.dumps(row) + "\n")
+            print(row, flush=True)
+    cells = []
+    for row in rows:
+        cells.append(
+            (row["drive"], row["fault"], row["verdict"], "; ".join(row["told"]), row["seconds"])
+        )
+    print(markdown(("drive", "fault", "verdict", "what is said", "s"), cells))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,197 @@
+"""``flgpr open``: what files hold, which questions are open, and a picture."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from typer import Argument
+
+from flgpr.commands.options import OneOrMorePaths, PathLike, one_or_more, output_option
+from flgpr.commands.shell import Arguments, command
+
+
+@dataclass(frozen=True)
+class Opened:
+    """What files hold, and what to do next."""
+
+    answer: str  #: one sentence
+    questions: tuple[str, ...]  #: entries of the mapping that are guesses, each with its comment
+    lines: tuple[str, ...]  #: what the files hold
+    next: str  #: the exact next command
+    mapping: Path | None = None  #: that was written
+    picture: Path | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it as JSON values."""
+        paths = {name: getattr(self, name) for name in ("mapping", "picture")}
+        return {**asdict(self), **{name: path and str(path) for name, path in paths.items()}}
+
+
+def _lines(opened: Opened, _: Arguments) -> Iterator[str | Path]:
+    """Yield the answer, the questions, what the files hold, what was written, and what is next."""
+    yield opened.answer
+    yield ""
+    for number, question in enumerate(opened.questions, 1):
+        yield f"  {number}. {question}"
+    if opened.questions:
+        yield ""
+    for line in opened.lines:
+        yield f"  {line}"
+    for path in (opened.mapping, opened.picture):
+        if path is not None:
+            yield path
+    yield f"next: {opened.next}"
+
+
+@command(lines=_lines, as_json=lambda opened, _: opened.as_json(), quiet=False)
+def open_files(
+    paths: Annotated[
+        OneOrMorePaths, Argument(help="File of any format, or all files of one measurement.")
+    ],
+    output: Annotated[
+        PathLike | None, output_option("mapping, TOML; the picture lies beside it as .png")
+    ] = None,
+) -> Opened:
+    """Say what files hold, which questions are open before they can be imported, and what is next.
+
+    A mapping is drafted and a picture drawn; without an output they lie in the folder where the
+    command is given, under the name of the first file.
+
+    Returns
+    -------
+    Opened
+        ``answer``, one sentence; ``questions``; and ``next``, the exact next command.
+
+    Raises
+    ------
+    ValueError
+        If a file cannot be read.
+    FileExistsError
+        If another file is at the output.
+    """
+    files = [Path(path) for path in one_or_more(paths)]
+    first = files[0]
+    mapping = Path(first.with_suffix(".toml").name) if output is None else Path(output)
+    if mapping.suffix != ".toml":
+        raise ValueError(f"output must end in .toml, got {mapping}")
+    if first.is_dir():
+        return _opened_run(first)
+    from flgpr.commands.importing import check_parent_folder
+    from flgpr.formats.reader import is_recording
+
+    check_parent_folder(mapping)
+    logs = [path for path in files if _is_log(path)]
+    if logs and len(files) > len(logs):
+        arrays = [path for path in files if path not in logs]
+        return _opened_arrays(arrays, mapping, logs[0])
+    if len(files) == 1 and is_recording(first):
+        return _opened_recording(first, mapping.with_suffix(".png"))
+    return _opened_arrays(files, mapping)
+
+
+def _opened_run(path: Path) -> Opened:
+    """Describe a folder: a run store is ready."""
+    from flgpr.store import open_run
+
+    sizes = open_run(path).sizes
+    counted = ", ".join(f"{sizes[name]} {name}s" for name in ("scan", "pair"))
+    answer = f"{path} is a run of {counted}: nothing is open, check it before you detect."
+    return Opened(answer, (), (), _command("check", path))
+
+
+def _opened_recording(path: Path, picture: Path) -> Opened:
+    """Describe the recording of a commercial radar, and draw its traces."""
+    from flgpr.commands.image import image
+    from flgpr.formats.explain import explain_file
+
+    described = explain_file(path)
+    image(path, picture)
+    answer = f"{path.name} is a {described.kind}: it is read without a mapping."
+    store = path.with_suffix(".zarr").name
+    following = _command("import", "gpr", path, "-o", store)
+    return Opened(answer, (), tuple(described.lines), following, picture=picture)
+
+
+def _opened_arrays(files: Sequence[Path], mapping: Path, log: Path | None = None) -> Opened:
+    """Describe files of arrays, write the draft of their mapping, and draw their signal.
+
+    With the log of a satellite receiver the draft has no poses, and the height of the receiver's
+    antenna above the ground is asked for: that of the log is over the sea.
+    """
+    from flgpr.formats.explain import explain_file, explain_files
+    from flgpr.store.outputs import write_new
+
+    several = len(files) > 1
+    described = explain_files(files, mapping=mapping) if several else explain_file(files[0])
+    name = f"{len(files)} files" if several else f"{files[0].name}, a {described.kind},"
+    verb = "hold" if several else "holds"
+    if not described.mapping:
+        needs = "no signal" if described.needs_mapping else "what is read without a mapping"
+        answer = f"{name} {verb} {needs}."
+        return Opened(answer, (), tuple(described.lines), _command("info", *files))
+    text = described.mapping
+    if not several:  # its file is named relative to the mapping
+        text = explain_files(files, mapping=mapping).mapping
+    following = _command("import", "mapped", mapping, "-o", mapping.with_suffix(".zarr"))
+    questions = []
+    if log is not None:
+        text = re.sub(r"\n\[pose\].*?(?=\n\[|\Z)", "", text, flags=re.DOTALL)
+        following += f" --track {shlex.quote(str(log))} --anchor-from-track --above-ground HEIGHT"
+        questions = [f"how high is the antenna of {log.name} above the ground, m? --above-ground"]
+    elif "geodetic" in text:
+        following += " --anchor-from-track"
+    questions = [*_questions(text), *questions]
+    write_new(mapping, text)
+    picture = _draw(files, mapping.with_suffix(".png"))
+    count = len(questions)
+    asked = (
+        f"{count} question{'s are' if count > 1 else ' is'} open: answer in {mapping}, then import"
+    )
+    answer = f"{name} {verb} a signal; {asked if questions else 'nothing is open: import it'}."
+    return Opened(answer, tuple(questions), tuple(described.lines), following, mapping, picture)
+
+
+def _is_log(path: Path) -> bool:
+    """Return whether a file is a log of NMEA sentences."""
+    from flgpr.store.files import existing
+
+    with existing(path).open("rb") as file:
+        return file.read(7)[:3] in (b"$GP", b"$GN", b"$GL")
+
+
+def _questions(mapping: str) -> Iterator[str]:
+    """Yield the entries of a draft that are guesses, each with its table and comment."""
+    table = ""
+    for line in mapping.splitlines():
+        heading = re.match(r"\[(\w+)\]", line)
+        if heading:
+            table = f"{heading[1]}: "
+        elif '?"' in line and not line.startswith("#"):
+            yield table + line
+
+
+def _draw(files: Sequence[Path], picture: Path) -> Path | None:
+    """Draw the array that seems to be the signal; where it is too large, nothing."""
+    from flgpr.formats.array_file import LIMIT
+    from flgpr.formats.draft_groups import group_files
+    from flgpr.formats.draft_roles import Roles
+    from flgpr.report.kit import figure_png
+    from flgpr.report.opened import opened_figure
+    from flgpr.store.outputs import write_new
+
+    roles = Roles(group_files(list(files), LIMIT))
+    signal = roles.data.opened.read(roles.signal.name)
+    if signal.ndim == 0 or not signal.size or signal.dtype.kind not in "fciu":
+        return None
+    write_new(picture, figure_png(opened_figure(signal, roles.signal.name)))
+    return picture
+
+
+def _command(*words: object) -> str:
+    """Return a command as it is typed."""
+    return shlex.join(["flgpr", *map(str, words)])

@@ -1,0 +1,270 @@
+"""Whether a recording is right: everything that is asked of it, with figure, limit and what to try."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from flgpr.health.channels import STEADY, channel_table
+from flgpr.health.findings import LEAST_SCANS, LIMITS, Finding
+from flgpr.health.geometry import AIRBORNE
+from flgpr.health.hypotheses import BETTER_DB, QUESTIONS, SURE, TIED_DB, Way, Ways, best_ways
+from flgpr.health.judging import judge_levels, statistics
+from flgpr.health.of_run import Examined, examined, taken_of_run
+from flgpr.model import Lane
+
+RIGHT = "looks right"
+DOUBTFUL = "doubtful"
+WRONG = "wrong"
+UNSEEN = "not observable"
+_WORST_FIRST = (WRONG, DOUBTFUL, RIGHT, UNSEEN)
+_WEAK = 12.0  # dB under the others, from where on a channel is doubtful
+_LOUD = 9.0  # dB over them
+_DOUBT_DB = 1.0  # gain of a way that is not sure, from where on it is a doubt, and
+_DOUBT_ERRORS = 2.5  # standard errors, from where on a lesser gain is one, too
+_DRIFT = (1.0, 0.2)  # dB and rad
+_DRIFT_ERRORS = 3.0  # standard errors that it must have, too
+_GAP = 2.5  # times the usual step
+_AROUND = 9  # steps whose median is the usual one
+_SPOILT = (
+    "noise",
+    "repeated scans",
+    "frozen positions",
+)  # findings with which no look says anything
+_NAMES = {
+    "paths": QUESTIONS[0],
+    "receivers": QUESTIONS[1],
+    "heading": QUESTIONS[2],
+    "lag": QUESTIONS[3],
+}
+NEVER_SEEN = (
+    "a datum that is wrong along the lane, or beside it where no lane is given; HH and VV exchanged; "
+    "a sign, phase or gain that all channels share"
+)
+"""What no recording without known targets shows."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that was asked of a recording."""
+
+    what: str
+    verdict: str  #: "looks right", "doubtful", "wrong" or "not observable"
+    words: str  #: with the figure and its limit
+    advice: str = ""  #: what to try
+
+    @property
+    def sentence(self) -> str:
+        """All of it in one line."""
+        trying = f"; try: {self.advice}" if self.advice else ""
+        return f"{self.words}{trying}"
+
+
+@dataclass(frozen=True)
+class Checked:
+    """All that was asked of a recording, what is wrong first."""
+
+    checks: tuple[Check, ...]
+
+    @property
+    def verdict(self) -> str:
+        """The worst of the verdicts; what cannot be seen leaves a doubt where all is asked."""
+        return next((one for one in (WRONG, DOUBTFUL) if self._of(one)), RIGHT)
+
+    @property
+    def answer(self) -> str:
+        """The answer in one sentence."""
+        found = self._of(WRONG) or self._of(DOUBTFUL)
+        if found:
+            more = f", and {len(found) - 3} more" if len(found) > 3 else ""
+            words = "; ".join(f"{one.words}" for one in found[:3])
+            trying = f": {found[0].advice}" if len(found) == 1 and found[0].advice else ""
+            return f"{self.verdict.capitalize()}: {words}{more}{trying}."
+        return (
+            "Looks right: no other sign, order, heading, lag, height or unit focuses clearly better "
+            f"(limit {BETTER_DB:g} dB), and channels, tones, scans and positions show no fault."
+        )
+
+    def _of(self, verdict: str) -> list[Check]:
+        return [one for one in self.checks if one.verdict == verdict]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it as JSON values."""
+        checks = [asdict(one) for one in self.checks]
+        return {"answer": self.answer, "verdict": self.verdict, "checks": checks}
+
+
+def check_run(run: xr.Dataset, lane: Lane | None = None, doubts: Sequence[str] = ()) -> Checked:
+    """Check whether a recording is right, before anybody detects on it.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run.
+    lane : Lane, optional
+        Ground that is to be searched; with it the course is compared with its middle.
+    doubts : sequence of str
+        What else is doubtful, in words.
+
+    Returns
+    -------
+    Checked
+        Every question with its verdict.
+    """
+    of_run = examined(run, lane, drift=True)
+    checks = list(_of_geometry(run, of_run))
+    checks += _of_channels(of_run)
+    checks += [*_drift(of_run), *_gaps(run)]
+    checks += [Check("positions and antennas", DOUBTFUL, words) for words in doubts]
+    never = (
+        NEVER_SEEN
+        if lane is None
+        else NEVER_SEEN.replace(", or beside it where no lane is given", "")
+    )
+    checks.append(Check("on any drive", UNSEEN, never))
+    return Checked(tuple(sorted(checks, key=lambda one: _WORST_FIRST.index(one.verdict))))
+
+
+def _of_channels(of_run: Examined) -> Iterator[Check]:
+    """Yield what sums tell of channels, tones, time zero, scans and course."""
+    told = set()
+    for one in of_run.health.findings:
+        if one.name not in _NAMES:
+            told.add(one.name)
+            yield _as_check(one.name, one)
+    for one in judge_levels(of_run.sums, of_run.radar, _WEAK, _LOUD):
+        if one.name not in told:
+            told.add(one.name)
+            yield Check(one.name, DOUBTFUL, one.words, one.advice)
+    for name, value in statistics(of_run.sums, of_run.radar).items():
+        if name not in told and np.isfinite(value):
+            limit = LIMITS[name]
+            unit = "" if limit.unit == "1" else f" {limit.unit}"
+            yield Check(name, RIGHT, f"{value:.2g}{unit}, at most {limit.most:g}")
+
+
+def _as_check(what: str, one: Finding) -> Check:
+    """Return a finding as the answer to a question."""
+    done = f" ({one.done} by flgpr detect)" if one.done else ""
+    return Check(what, WRONG, one.words + done, one.advice)
+
+
+def _drift(of_run: Examined) -> Iterator[Check]:
+    """Yield by how much channels drift whose standing part is strong enough to tell."""
+    sums = of_run.sums
+    table = channel_table(sums, of_run.radar.polarizations, sums.scans - sums.sweeps)
+    steady = table[~table["dead"] & (table["coherence"] >= STEADY) & table["gain_drift_db"].notna()]
+    if not len(steady):
+        words = "no channel has a standing part strong enough to tell"
+        yield Check("drift", UNSEEN, words)
+        return
+    gain, phase = steady["gain_drift_db"].abs(), steady["phase_drift_rad"].abs()
+    # What does not stand still adds to the means of the quarters: an error of each, in nepers.
+    quarter = max(sums.scans // 4, 1)
+    coherence = steady["coherence"].to_numpy()
+    error = np.sqrt((1 - coherence) / (coherence * quarter))
+    by_gain = gain > np.maximum(_DRIFT[0], _DRIFT_ERRORS * error * 20 / np.log(10))
+    drifting = int((by_gain | (phase > np.maximum(_DRIFT[1], _DRIFT_ERRORS * error))).sum())
+    # Many channels together tell a drift that they share better than each of them alone.
+    shared_error = (
+        _DRIFT_ERRORS * np.median(error) * 20 / np.log(10) / np.sqrt(min(len(steady), 16))
+    )
+    if abs(steady["gain_drift_db"].median()) > max(_DRIFT[0], shared_error):
+        drifting = len(steady)
+    words = (
+        f"{drifting} of {len(steady)} channels drift, by up to {gain.max():.1f} dB and "
+        f"{phase.max():.2f} rad from the first to the last quarter, at most {_DRIFT[0]:g} dB and "
+        f"{_DRIFT[1]:g} rad"
+    )
+    advice = "let the radar warm up, or look at its clock and cables"
+    yield Check("drift", *((DOUBTFUL, words, advice) if drifting else (RIGHT, words)))
+
+
+def _gaps(run: xr.Dataset) -> Iterator[Check]:
+    """Yield whether scans lie much farther apart than those around."""
+    steps = np.hypot(*np.diff(run["pose"].values[:, :2], axis=0).T)
+    if steps.size < _AROUND or not np.isfinite(steps).all():
+        return
+    padded = np.pad(steps, _AROUND // 2, mode="edge")
+    usual = np.median(np.lib.stride_tricks.sliding_window_view(padded, _AROUND), axis=-1)
+    ratio = steps / np.maximum(np.maximum(usual, np.median(steps)), 1e-9)
+    count = int(np.count_nonzero(ratio > _GAP))
+    at = f", the first behind scan {int(np.argmax(ratio > _GAP))}" if count else ""
+    words = (
+        f"{count} gaps between scans{at}: the widest is {ratio.max():.1f} times the usual way, "
+        f"at most {_GAP:g}"
+    )
+    advice = "scans were lost, or the positions leap"
+    yield Check("gaps", *((DOUBTFUL, words, advice) if count else (RIGHT, words)))
+
+
+def _of_geometry(run: xr.Dataset, of_run: Examined) -> Iterator[Check]:
+    """Yield which sign, order, heading, lag, height and units focus best."""
+    told = {_NAMES[one.name]: one for one in of_run.health.findings if one.name in _NAMES}
+    ways, reason = _ways(run, of_run)
+    if ways is None or not ways.is_seen:
+        for question in QUESTIONS:
+            if question in told:
+                yield _as_check(question, told[question])
+        left = [question for question in QUESTIONS if question not in told]
+        verdict = UNSEEN if any(one.name in _SPOILT for one in of_run.health.findings) else DOUBTFUL
+        yield Check(
+            "focus", verdict, f"whether {', '.join(left)} are right cannot be told: {reason}"
+        )
+        return
+    for question in QUESTIONS:
+        adopted = [way for way in ways.adopted if way.hypothesis.question == question]
+        others = [way for way in ways.others if way.hypothesis.question == question]
+        if adopted:
+            for way in adopted:
+                words = f"{way.words} ({way.gain_db:+.1f} dB so taken, at most {BETTER_DB:+g})"
+                yield Check(question, WRONG, words, way.hypothesis.advice)
+        elif question in told and not ways.adopted:
+            yield _as_check(question, told[question])
+        elif others:
+            yield _best_of(question, others)
+    tied = [way.words for way in ways.others if abs(way.gain_db) < TIED_DB and not way.is_step]
+    if tied:
+        yield Check("on this drive", UNSEEN, f"whether {', or '.join(tied)}")
+
+
+def _best_of(question: str, others: Sequence[Way]) -> Check:
+    """Return the answer to a question that has others than the stated way."""
+    best = max(others, key=lambda way: way.gain_db)
+    is_doubt = best.gain_db > BETTER_DB and best.errors > _DOUBT_ERRORS
+    is_doubt = is_doubt or (best.gain_db > _DOUBT_DB and best.errors > 1)
+    if not is_doubt:
+        words = f"next best {best.gain_db:+.1f} dB, at most {BETTER_DB:+g} if sure: {best.words}"
+        return Check(question, RIGHT, words)
+    words = (
+        f"{best.words}? ({best.gain_db:+.1f} dB so taken, at most {BETTER_DB:+g}; "
+        f"{best.errors:.1f} standard errors, {SURE:g} would be sure)"
+    )
+    return Check(question, DOUBTFUL, words, best.hypothesis.advice)
+
+
+def _ways(run: xr.Dataset, of_run: Examined) -> tuple[Ways | None, str]:
+    """Return what focuses best, and why it is not known."""
+    spoilt = [one.name for one in of_run.health.findings if one.name in _SPOILT]
+    if run.attrs.get("sounding") == "ground-coupled":
+        return None, "antennas on the ground do not look ahead"
+    if spoilt:
+        return None, f"the run has {', '.join(spoilt)}"
+    taken = taken_of_run(run, of_run)
+    if taken is None:
+        return None, f"fewer than {LEAST_SCANS} consecutive scans are whole"
+    if not taken.has_even_tones:
+        return None, "the tones are uneven, or fewer than nine"
+    if not taken.height > 0:
+        return None, f"the antennas stand {taken.height:.3g} m above the ground"
+    if taken.step == 0:
+        return None, "the vehicle stands"
+    ways = best_ways(taken)
+    reason = "consecutive looks show nothing in common, whichever way they are taken"
+    if not ways.is_seen and taken.height > AIRBORNE:
+        reason = f"the antennas fly, {taken.height:.3g} m above the ground"
+    return ways, reason
