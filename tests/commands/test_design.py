@@ -18,7 +18,7 @@ TABLE += ["--depth", "0.05", "--band", "0.75e9", "0.95e9"]
         ({"body": ["m19"]}, "`body` goes with signal_to_clutter, got it without"),
         ({"distance": 9.0}, "`distance` goes with signal_to_clutter, got it without"),
         ({"measure": 0}, "`measure` goes with signal_to_clutter, got it without"),
-        ({"depth": [0.0, 0.1]}, "depth must be given once .*, got it 2 times"),
+        ({"depth": [0.0, 0.1]}, ".depth. must be given once .*, got it 2 times"),
     ],
 )
 def test_options_of_the_table_have_no_effect_on_the_page(options, rule, tmp_path):

@@ -34,7 +34,8 @@ def test_a_draft_takes_longitude_and_latitude_where_a_file_has_no_places_in_the_
     }
     savemat(tmp_path / "a.mat", arrays)
     draft = propose_mapping(tmp_path / "a.mat").replace("band = []", "band = [0.1, 1.0]")
-    (tmp_path / "m.toml").write_text(re.sub(r'\?"', '"', draft))
+    answered = draft.replace('above_ground = "?"', "above_ground = 1.5")
+    (tmp_path / "m.toml").write_text(re.sub(r'\?"', '"', answered))
     run = import_mapped(tmp_path / "m.toml", anchor_from_track=True).run
     way = run["pose"].values[:, 1]
     np.testing.assert_allclose(np.diff(way), 1e-5 * 111_412, rtol=1e-3)  # m of a degree at 60 N
@@ -114,9 +115,8 @@ def drafted(tmp_path, **arrays):
     arrays = {"data": np.ones((5, 7), complex), "freq_hz": TONES} | arrays
     np.savez(tmp_path / "a.npz", **arrays)
     draft = propose_mapping(tmp_path / "a.npz")
-    return import_mapped(put(draft.replace("?", ""), tmp_path / "m.toml"), tmp_path / "a.npz").run[
-        "pose"
-    ].values, draft
+    run = import_mapped(put(draft.replace("?", ""), tmp_path / "m.toml"), tmp_path / "a.npz").run
+    return run["pose"].values, draft
 
 
 WAY = np.column_stack([np.zeros(5), 2.0 * np.arange(5), np.full(5, 1.5)])
@@ -193,6 +193,7 @@ def test_fixes_of_a_receiver_beside_the_signal_are_a_track(tmp_path):
     )
     draft = propose_mapping(tmp_path / "a.npz")
     assert "[track]  # 30 fixes of 5 scans" in draft
-    (tmp_path / "m.toml").write_text(draft.replace("?", ""))
+    answered = draft.replace('above_ground = "?"', "above_ground = 1.5")
+    (tmp_path / "m.toml").write_text(answered.replace("?", ""))
     run = import_mapped(tmp_path / "m.toml", anchor_from_track=True).run
     np.testing.assert_allclose(np.diff(run["pose"].values[:, 1]), 1.11, rtol=1e-2)

@@ -107,8 +107,8 @@ def test_every_command_of_the_command_line_is_tried():
         one.words.split()[0] for one in COMMANDS
     }
     writes_nothing = {
-        "view", "replay", "recipe list", "recipe show", "recipe check", "benchmark list",
-        "benchmark validate", "plan mines", "plan check", "calibrate permittivity", "agree",
+        "view", "replay", "recipe list", "recipe show", "recipe check", "recipe suggest", "check",
+        "benchmark list", "benchmark validate", "plan mines", "plan check", "calibrate permittivity", "agree",
     }  # fmt: skip
     assert set(names_of_commands()) - writes_nothing - tried == set()
 

@@ -197,39 +197,3 @@ def test_results_bring_their_lane_and_lists_must_be_given_one(demo, files):
         assert refused.exit_code == 2
         assert message in refused.stderr
     assert not (files / "x").exists()
-
-
-def test_a_sealed_comparison_tells_points_and_counts_only(files):
-    pytest.importorskip("cryptography")
-    phrase = "a long passphrase\n"
-    sealing = [
-        "score",
-        files / "truth.csv",
-        "--seal",
-        "--lane",
-        files / "lane.toml",
-        "-o",
-        files / "sealed",
-    ]
-    assert call(*sealing, text=2 * phrase).exit_code == 0
-    given = [
-        "score",
-        files / "vendorA.csv",
-        files / "vendorB.csv",
-        "--sealed",
-        files / "sealed",
-        "-o",
-        files / "both",
-    ]
-    told = call(*given, text=phrase)
-    assert told.exit_code == 0, told.output
-    content = json.loads((files / "both" / "comparison.json").read_text())
-    assert content["means"] is None
-    assert [one["looks"] for one in content["notes"].values()] == [1, 2]
-    assert all(round(row["chance"], 2) == row["chance"] for row in content["points"])
-    for text in (told.output, *(path.read_text() for path in (files / "both").iterdir())):
-        assert not [
-            word
-            for word in ("1234567", "7654321", "m1", "m7", "target_id", "threshold")
-            if word in plain(text)
-        ]

@@ -107,7 +107,7 @@ def test_a_place_in_the_result_or_another_file_is_refused(result, tmp_path):
         result / "anna.json": "outside of the result",
         result / "view" / "anna.json": "outside of the result",
         tmp_path / "none" / "anna.json": "folder that exists",
-        tmp_path / "other.json": "not verdicts of flgpr view",
+        tmp_path / "other.json": "not verdicts of `flgpr.view`",
     }
     for place, words in cases.items():
         with pytest.raises(ValueError, match=words):

@@ -161,7 +161,7 @@ def design(
         depths = depth or [_DEPTH]
         if len(depths) > 1:
             raise ValueError(
-                f"depth must be given once without signal_to_clutter, got it {len(depths)} times"
+                f"`depth` must be given once without `signal_to_clutter`, got it {len(depths)} times"
             )
         from flgpr.design.array import Question
         from flgpr.report import design_report
