@@ -12,9 +12,11 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -118,6 +120,15 @@ def checked(run: xr.Dataset) -> dict[str, object]:
     }
 
 
+def in_words(row: dict[str, Any] | None) -> str:
+    """Return the verdict on a drive, and how much better it focuses the other way."""
+    if row is None:
+        return "–"
+    told = row["told"] or [""]
+    gain = re.search(r"\+[0-9.]+ dB so taken", told[0])
+    return f"{row['verdict']}{', ' + gain[0].removesuffix(' so taken') if gain else ''}"
+
+
 def main() -> None:
     """Check what was not checked before, and print the table."""
     parser = argparse.ArgumentParser(
@@ -152,12 +163,12 @@ def main() -> None:
             with log.open("a") as file:
                 file.write(json.dumps(row) + "\n")
             print(row, flush=True)
+    drives = list(dict.fromkeys(row["drive"] for row in rows))
+    found = {(row["fault"], row["drive"]): row for row in rows}
     cells = []
-    for row in rows:
-        cells.append(
-            (row["drive"], row["fault"], row["verdict"], "; ".join(row["told"]), row["seconds"])
-        )
-    print(markdown(("drive", "fault", "verdict", "what is said", "s"), cells))
+    for fault in options.only:
+        cells.append([fault, *(in_words(found.get((fault, name))) for name in drives)])
+    print(markdown(("fault", *drives), cells))
 
 
 if __name__ == "__main__":
