@@ -227,7 +227,7 @@ def test_what_each_look_says_adds_up_to_the_confidence(system):
 
 @pytest.mark.parametrize("name", sorted(set(SYSTEMS) - {"wang2007", "wang2007-printed"}))
 def test_without_a_model_it_says_how_to_get_one(lanes, name, tmp_path):
-    with pytest.raises(ValueError, match=f"recipe '{name}' learns .* `flgpr train RUN"):
+    with pytest.raises(ValueError, match=f"recipe '{name}' learns .* `flgpr.train`"):
         flgpr.detect(
             lanes / "test.zarr", lanes / f"{name}.toml", tmp_path / "result", lanes / "lane.toml"
         )

@@ -157,7 +157,7 @@ def test_a_result_stands_beside_a_score_by_its_own(watch, serving, scores, demo,
     small_result(tmp_path / "unscored")
     with pytest.raises(
         ValueError,
-        match=r"unscored: shown together with a score it must be scored, too: flgpr score",
+        match=r"unscored: shown together with a score it must be scored, too: `flgpr.score`",
     ):
         open_sources([scores / "score-one", tmp_path / "unscored"])
 

@@ -231,7 +231,7 @@ def read_nmea(
     notes: list[str] = []
     log = _read_log(path, quality, notes)
     is_own_anchor = math.isnan(anchor.sigma)
-    places = _places_of(log, path.name, notes, height is None, is_own_anchor)
+    places = _places_of(log, path, notes, height is None, is_own_anchor)
     if len(places) < 2:
         reasons = "".join(f"; {note}" for note in notes)
         raise ValueError(
@@ -309,7 +309,7 @@ def _read_log(path: Path, quality: tuple[int, ...], notes: list[str]) -> _NmeaLo
 
 
 def _places_of(
-    log: _NmeaLog, name: str, notes: list[str], needs_height: bool, is_own_anchor: bool
+    log: _NmeaLog, path: Path, notes: list[str], needs_height: bool, is_own_anchor: bool
 ) -> FloatArray:
     """Return time, s, longitude, latitude, degrees, and ellipsoidal height, m, of fixes (fix, 4).
 
@@ -329,23 +329,23 @@ def _places_of(
     table = table[has_height]
     unknown = np.isnan(table[:, 4])
     if unknown.any():
-        table[unknown, 4] = _separation_of_others(table[~unknown, 4], name, is_own_anchor)
+        table[unknown, 4] = _separation_of_others(table[~unknown, 4], path, is_own_anchor)
         of_others = "0 m is taken" if unknown.all() else "that of the others is taken"
         notes.append(
-            f"{np.count_nonzero(unknown)} of {len(table)} fixes of {name} tell no separation of "
+            f"{np.count_nonzero(unknown)} of {len(table)} fixes of {path.name} tell no separation of "
             f"the geoid from the ellipsoid: {of_others}"
         )
     return np.column_stack([table[:, :3], table[:, 3] + table[:, 4]])
 
 
-def _separation_of_others(known: FloatArray, name: str, is_own_anchor: bool) -> float:
+def _separation_of_others(known: FloatArray, path: Path, is_own_anchor: bool) -> float:
     """Return the separation of the geoid, m, for fixes that state none."""
     if known.size:
         return float(np.median(known))
     if is_own_anchor:
         return 0.0
     raise ValueError(
-        f"{name}: no GGA tells the separation of the geoid from the ellipsoid, so that its heights "
+        f"{path}: no GGA tells the separation of the geoid from the ellipsoid, so that its heights "
         "over the sea do not fit the anchor's over the ellipsoid, by up to 100 m: let the receiver "
         "write it, or make the anchor of the log itself (anchor_from_track)"
     )
@@ -367,7 +367,7 @@ def nmea_places(path: str | Path, quality: tuple[int, ...] = FIXED) -> FloatArra
         Longitude, latitude (degrees) and ellipsoidal height (m).
     """
     path = existing(path)
-    return _places_of(_read_log(path, quality, []), path.name, [], True, True)[:, 1:]
+    return _places_of(_read_log(path, quality, []), path, [], True, True)[:, 1:]
 
 
 def _headings(
