@@ -553,6 +553,12 @@ def read_rows(path: str | Path) -> pd.DataFrame:
     return pd.read_csv(path, keep_default_na=False)
 
 
+def costly(frame: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of the clean drive and of faults that lose more than one mine in a run."""
+    lowest = frame.groupby("fault")["found"].transform("min")
+    return frame[(lowest < MINES - 1) | (frame["fault"] == "clean")]
+
+
 def told_names(row: pd.Series) -> str:
     """Return what was told of a row by name; counts only where nothing has a name."""
     parts = str(row["told"]).split("; ") if row["told"] else []
@@ -617,7 +623,7 @@ def main() -> None:
         if Path(options.csv).exists():
             rows = together(read_rows(options.csv), rows)
         rows.to_csv(Path(options.csv), index=False)
-    print(table(read_rows(options.csv)))
+    print(table(costly(read_rows(options.csv))))
 
 
 def run_faults(folder: Path, log: Path, options: argparse.Namespace) -> None:

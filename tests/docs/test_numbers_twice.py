@@ -30,8 +30,8 @@ def intervals(text):
 
 def causes(paper):
     """Rows of the table of causes that are of a paper."""
-    lines = read(EVIDENCE / "verdicts.md").splitlines()
-    return "\n".join(line for line in lines if line.startswith(f"| {PAPERS[paper]}:"))
+    lines = read(EVIDENCE / "verdicts" / "causes.csv").splitlines()
+    return "\n".join(line for line in lines if line.lstrip('"').startswith(f"{PAPERS[paper]}:"))
 
 
 def stands(values, decimals, others):

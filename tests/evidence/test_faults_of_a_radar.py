@@ -9,8 +9,13 @@ import faults
 PAGE = Path(__file__).parents[2] / "docs" / "evidence" / "robustness.md"
 
 
-def test_the_page_shows_the_table_of_its_file():
-    assert faults.table(faults.read_rows(faults.CSV)) in PAGE.read_text()
+def test_the_page_shows_what_costs_mines_of_its_file():
+    rows = faults.read_rows(faults.CSV)
+    costly = faults.costly(rows)
+    assert faults.table(costly) in PAGE.read_text()
+    others = rows[~rows["fault"].isin(costly["fault"])]
+    assert others["found"].ge(faults.MINES - 1).all()
+    assert f"The other {others['fault'].nunique()} faults" in PAGE.read_text()
 
 
 def test_every_row_is_of_a_fault_that_the_script_makes():
