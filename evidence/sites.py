@@ -5,9 +5,7 @@ With a folder as argument its figure, sites.png, is written there.
 
 from __future__ import annotations
 
-import re
 import sys
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -143,41 +141,6 @@ def sigma(
     return 10 * np.log10(hh), 10 * np.log10(vv)
 
 
-def ranges_of(site: str) -> dict[str, tuple[float, float]]:
-    """Read the ranges that a site's file tells in lines like ``# range rms_height 0.001 0.004``."""
-    text = (resources.files("flgpr.simulate.scene") / "sites" / f"{site}.toml").read_text(
-        encoding="utf-8"
-    )
-    found = {}
-    part = ""
-    for line in text.splitlines():
-        if heading := re.fullmatch(r"\[(\w+)\]", line):
-            part = heading[1]
-        if told := re.match(r"# range (\w+) ([\d.e-]+) ([\d.e-]+)(:|$)", line):
-            found[f"{part}.{told[1]}"] = float(told[2]), float(told[3])
-    return found
-
-
-def ranges() -> str:
-    """Tell value and range of every entry of the prepared lanes that has one."""
-    told = {site: ranges_of(site) for site in PAIRS.values()}
-    entries = sorted({entry for found in told.values() for entry in found})
-    rows = []
-    for entry in entries:
-        part, name = entry.split(".")
-        cells = [f"`{entry}`"]
-        for site, found in told.items():
-            value = number(getattr(getattr(Scene(site=site), part), name))
-            if entry in found:
-                least, greatest = found[entry]
-                value += f" ({number(least)} to {number(greatest)})"
-            elif part == "soil":  # of a dielectric model that this site does not have
-                value = "-"
-            cells.append(value)
-        rows.append(cells)
-    return markdown(["entry", *told], rows)
-
-
 def hallikainen(sand: float, clay: float, moisture: float) -> tuple[float, float]:
     """Return ε' and tan δ at 1.4 GHz as fitted to measured soils (Hallikainen et al. 1985, Table II)."""
     real = 2.862 - 0.012 * sand + 0.001 * clay
@@ -220,7 +183,7 @@ def losses() -> str:
     )
 
 
-TABLES = (surfaces, contents, backscatter, ranges, losses)
+TABLES = (surfaces, contents, backscatter, losses)
 
 
 def figure() -> Figure:

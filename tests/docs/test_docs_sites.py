@@ -26,14 +26,13 @@ def program():
     return module
 
 
-@pytest.mark.parametrize("name", ["surfaces", "contents", "backscatter", "ranges", "losses"])
+@pytest.mark.parametrize("name", ["surfaces", "contents", "backscatter", "losses"])
 def test_a_table_is_that_of_the_files(name, program):
     assert getattr(program, name)() in PAGE
     assert {make.__name__ for make in program.TABLES} == {
         "surfaces",
         "contents",
         "backscatter",
-        "ranges",
         "losses",
     }
 
