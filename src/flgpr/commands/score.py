@@ -137,7 +137,8 @@ def score(
     Scored, BlindScore, SideBySide, pathlib.Path, dict or None
         For a result or a list its scores and the folder of the report; for a sealed truth what it
         lets be known, or None where this score exists already. Earlier spellings return what
-        ``flgpr.compare``, ``flgpr.trials.seal`` and ``flgpr.agree`` do.
+        :func:`flgpr.commands.compare.compare`, :func:`flgpr.trials.seal` and
+        :func:`flgpr.commands.agree.agree` do.
 
     Raises
     ------

@@ -84,11 +84,11 @@ class Result:
         return draw_detection(self.detections[0], self.lane, ax)[1]
 
     def score(self, truth: str | Path | pd.DataFrame, **options: Any) -> Any:
-        """Score the result against truth; options and what is returned are those of ``flgpr.score``."""
+        """Score the result against truth, as :func:`flgpr.commands.score.score` does."""
         return flgpr.score(self, truth, **options)
 
     def view(self, **options: Any) -> Any:
-        """Show the result in the viewer; options and what is returned are those of ``flgpr.view``."""
+        """Show the result in the viewer, as :func:`flgpr.commands.view.view` does."""
         return flgpr.view(self, **options)
 
     def _repr_html_(self) -> str:
