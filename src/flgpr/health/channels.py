@@ -189,6 +189,10 @@ def disturbed_tones(signal: ArrayLike) -> NDArray[np.bool_]:
         return np.zeros(values.shape[1], dtype=np.bool_)
     change = np.median(np.abs(np.diff(values, axis=0)), axis=0)
     half = min(10, (change.size - 1) // 2)
-    padded = np.pad(change, half, mode="edge")
-    usual = np.median(sliding_window_view(padded, 2 * half + 1), axis=-1)
-    return np.asarray(change > 10**0.5 * usual)  # 10 dB of power
+    return np.asarray(change > 10**0.5 * median_around(change, 2 * half + 1))  # 10 dB of power
+
+
+def median_around(values: FloatArray, count: int) -> FloatArray:
+    """Return the running median of an odd number of values; the first and the last stand for more."""
+    padded = np.pad(values, count // 2, mode="edge")
+    return np.asarray(np.median(sliding_window_view(padded, count), axis=-1))

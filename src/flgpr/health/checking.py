@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from flgpr.health.channels import STEADY, channel_table
+from flgpr.health.channels import STEADY, channel_table, median_around
 from flgpr.health.findings import LEAST_SCANS, LIMITS, Finding
 from flgpr.health.geometry import AIRBORNE
 from flgpr.health.hypotheses import BETTER_DB, QUESTIONS, SURE, TIED_DB, Way, Ways, best_ways
@@ -81,7 +81,7 @@ class Checked:
         found = self._of(WRONG) or self._of(DOUBTFUL)
         if found:
             more = f", and {len(found) - 3} more" if len(found) > 3 else ""
-            words = "; ".join(f"{one.words}" for one in found[:3])
+            words = "; ".join(one.words for one in found[:3])
             trying = f": {found[0].advice}" if len(found) == 1 and found[0].advice else ""
             return f"{self.verdict.capitalize()}: {words}{more}{trying}."
         return (
@@ -189,8 +189,7 @@ def _gaps(run: xr.Dataset) -> Iterator[Check]:
     steps = np.hypot(*np.diff(run["pose"].values[:, :2], axis=0).T)
     if steps.size < _AROUND or not np.isfinite(steps).all():
         return
-    padded = np.pad(steps, _AROUND // 2, mode="edge")
-    usual = np.median(np.lib.stride_tricks.sliding_window_view(padded, _AROUND), axis=-1)
+    usual = median_around(steps, _AROUND)
     ratio = steps / np.maximum(np.maximum(usual, np.median(steps)), 1e-9)
     count = int(np.count_nonzero(ratio > _GAP))
     at = f", the first behind scan {int(np.argmax(ratio > _GAP))}" if count else ""

@@ -83,11 +83,11 @@ def make_run(
     """
     data = _checked_signal(signal)
     scans, polarizations, pairs, tones = data.shape
-    valid = np.isfinite(data).all(axis=-1)
+    valid = measured_sweeps(data)
+    if not valid.any():  # scans of zeros alone are kept, and lost sweeps are not
+        valid = np.asarray(np.isfinite(data).all(axis=-1))
     if not valid.any():
         raise ValueError("signal must hold at least one sweep of finite values, got none")
-    if data.any():
-        valid = measured_sweeps(data)
     run = xr.Dataset(
         data_vars={
             "signal": (("scan", "polarization", "pair", "frequency"), data),
