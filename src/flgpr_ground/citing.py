@@ -11,7 +11,7 @@ import pandas as pd
 import flgpr
 from flgpr.scoring import paired_interval
 from flgpr_ground.card import Card
-from flgpr_ground.ground import GROUNDS, MINES, Ground, load_ground
+from flgpr_ground.ground import GROUNDS, Ground, by_pd, load_ground, scores_at
 
 CREATOR = "The flgpr developers"
 """Who made the packaged grounds, as CITATION.cff names them."""
@@ -121,8 +121,6 @@ def latex_table(ground: Ground, scores: pd.DataFrame, split: str) -> str:
     str
         LaTeX text: an environment ``tabular``, and comments that say what is in it.
     """
-    is_shown = (scores["split"] == split) & (scores["group"] == MINES)
-    shown = scores[is_shown & (scores["far_allowed"] == ground.table.far)]
     lines = [
         f"% {cite_ground(ground)} Split {split}; \\usepackage{{booktabs}}.",
         f"% Pd of mines at {ground.table.far:g} false alarms per m^2, exact 95 % intervals; chance: "
@@ -133,7 +131,7 @@ def latex_table(ground: Ground, scores: pd.DataFrame, split: str) -> str:
         "detector & $P_d$ & found & false & chance & difference & $p$ \\\\",
     ]
     for tier in ground.chosen_tiers():
-        of_tier = shown[shown["tier"] == tier.tier] if tier.tier else shown
+        of_tier = scores_at(scores, tier, split)
         if len(of_tier):
             lines += ["\\midrule", *_latex_rows(of_tier, tier.tier_title)]
     return "\n".join([*lines, "\\bottomrule", "\\end{tabular}"]) + "\n"
@@ -143,7 +141,7 @@ def _latex_rows(scores: pd.DataFrame, title: str) -> Iterator[str]:
     """Yield the rows of a tier, the largest Pd first."""
     if title:
         yield f"\\multicolumn{{7}}{{l}}{{\\emph{{{_latex(title)}}}}} \\\\"
-    for row in scores.sort_values("pd", ascending=False, kind="stable").to_dict("records"):
+    for row in by_pd(scores).to_dict("records"):
         paired = ["--", "--"]
         if np.isfinite(row.get("p", np.nan)):
             only, other, total = row["only"], row["reference_only"], row["n_targets"]

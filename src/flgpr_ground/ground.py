@@ -12,6 +12,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import pandas as pd
 from pydantic import Field, ValidationError, model_validator
 
@@ -488,3 +489,52 @@ def _quick_form(data: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
                 surface[design] = entries
         row["surface"] = surface
     return merge_tables(data, over)
+
+
+def opening_split(ground: Ground) -> str:
+    """Name the split that the opening figure shows, the first."""
+    return next(iter(ground.table.splits))
+
+
+def scores_at(
+    scores: pd.DataFrame,
+    ground: Ground,
+    split: str,
+    group: str | None = MINES,
+    far: float | None = None,
+) -> pd.DataFrame:
+    """Return the scores of a ground, or of one of its tiers, in a split at an allowed FAR.
+
+    Parameters
+    ----------
+    scores : pandas.DataFrame
+        What :func:`flgpr.proving_ground.score_entries` gives.
+    ground : Ground
+        The ground, or one of its tiers, whose scores are chosen.
+    split : str
+        Name of the split.
+    group : str or None
+        The group of targets: all mines by default, a site, a kind or a body; None for all groups.
+    far : float, optional
+        The allowed FAR, per m²; by default that of comparison.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row per entry, and per group or tier where none is chosen.
+    """
+    allowed = ground.table.far if far is None else far
+    # A FAR that was written to a table and read again may differ in its last digit.
+    is_chosen = np.isclose(scores["far_allowed"].astype(float), allowed) & (
+        scores["split"] == split
+    )
+    if group is not None:
+        is_chosen &= scores["group"] == group
+    if ground.tier:
+        is_chosen &= scores["tier"] == ground.tier
+    return scores[is_chosen]
+
+
+def by_pd(scores: pd.DataFrame) -> pd.DataFrame:
+    """Return scores with the largest Pd first."""
+    return scores.sort_values("pd", ascending=False, kind="stable")

@@ -32,8 +32,8 @@ from flgpr.types import BoolArray, FloatArray
 from flgpr_ground.citing import bibtex, latex_table
 from flgpr_ground.entering import SHOWN
 from flgpr_ground.entries import packaged_entries
-from flgpr_ground.figures import opening_split
-from flgpr_ground.ground import Ground
+from flgpr_ground.figures import kind_label
+from flgpr_ground.ground import Ground, opening_split
 from flgpr_ground.lane_data import lane_data
 from flgpr_ground.running import ALARMS, SEALED, entry_folder, passphrase, read_ground
 from flgpr_ground.table import chosen_mines, paired_sentence, score_entries, write_page
@@ -198,14 +198,10 @@ def _pair(home: Path, tier: Ground, names: tuple[str, str], truth: pd.DataFrame)
     return Pair(tier, names, (matches[0], matches[1]), mines, targets)
 
 
-def _answer(pair: Pair, at_far: Mapping[Any, Any]) -> str:
+def _answer(pair: Pair, at_far: dict[str, Any]) -> str:
     """Return what one entry misses and finds beside the other, with the difference of their Pd."""
     where = f"{pair.tier.tier_title}: " if pair.tier.tier else ""
-    found = {
-        "only": at_far["only_first"],
-        "reference_only": at_far["only_second"],
-        "p": at_far["p"],
-    }
+    found = at_far | {"only": at_far["only_first"], "reference_only": at_far["only_second"]}
     return (
         f"{where}{paired_sentence(found, *pair.names)} Of {len(pair.targets)} mines, at "
         f"{pair.tier.table.far:g} false alarms per m², the difference of Pd is "
@@ -221,9 +217,7 @@ def _kind_rows(pair: Pair) -> list[list[Any]]:
     for kind in ["mines", *dict.fromkeys(kinds)]:
         of_kind = np.ones(len(kinds), dtype=bool) if kind == "mines" else kinds == kind
         counts = [of_kind, first, second, first & second, first & ~second, second & ~first]
-        rows.append(
-            ["AP" if kind == "ap" else kind, *(int((of_kind & count).sum()) for count in counts)]
-        )
+        rows.append([kind_label(kind), *(int((of_kind & count).sum()) for count in counts)])
     return rows
 
 
@@ -255,22 +249,19 @@ def _chips(
 ) -> Iterator[tuple[str, list[tuple[str, bytes]]]]:
     """Yield the chips (name and PNG) of every target: the reference's image in its sub-band."""
     packaged = packaged_entries(pair.tier).get(pair.tier.table.reference)
-    recipe = _recipe_text(home, pair) if packaged is None else packaged.text
+    if packaged is None:  # the recipe of the second entry, as it ran
+        other = Folder(entry_folder(home, pair.names[1], pair.tier))
+        recipe = other.read("recipe.toml").decode()
+    else:
+        recipe = packaged.text
     for name, targets in pair.targets.groupby("lane"):
         data = lane_data(pair.tier.lanes[str(name)], home / "lanes", recipe)
         view = data.image.sel(subband=parse_recipe(recipe).prescreen.subband)
         for target in targets["target_id"]:
             x, y = places.loc[target]
-            shown = []
-            for label in view["polarization"].values:
-                of_label = view.sel(polarization=label)
-                shown.append((str(label), _chip(of_label, float(x), float(y))))
-            yield str(target), shown
-
-
-def _recipe_text(home: Path, pair: Pair) -> str:
-    """Return the recipe of the second entry, as it ran."""
-    return Folder(entry_folder(home, pair.names[1], pair.tier)).read("recipe.toml").decode()
+            labels = view["polarization"].values
+            cut = [(str(label), _chip(view.sel(polarization=label), x, y)) for label in labels]
+            yield str(target), cut
 
 
 def _chip(view: xr.DataArray, x: float, y: float) -> bytes:
