@@ -287,7 +287,7 @@ def write_croissant(
     if folder is not None:
         described_ground = read_ground(Path(folder))
     else:
-        described_ground = load_ground(quick, None if ground is None else Path(ground))
+        described_ground = load_ground(quick, ground)
     described = describe_ground(described_ground, folder, url, licence)
     path = Path(output) if output is not None else Path(folder or ".") / CROISSANT
     text = json.dumps(described, indent=1, ensure_ascii=False, allow_nan=False) + "\n"

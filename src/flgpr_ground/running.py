@@ -185,7 +185,7 @@ def read_costs(folder: Path) -> Costs:
 def measured_cost(ground: Ground, name: str, entry: Path) -> dict[str, Any]:
     """Return what an entry cost where it was run."""
     metres = lane_seconds = training_seconds = 0.0
-    peaks = [math.nan]
+    peaks = []
     for work, cost in read_costs(entry).items():
         if work in ground.lanes and cost:
             metres += ground.lanes[work].length
@@ -197,7 +197,7 @@ def measured_cost(ground: Ground, name: str, entry: Path) -> dict[str, Any]:
         "entry": name,
         "seconds_per_km": lane_seconds / (metres / 1000) if metres else math.nan,
         "training_seconds": training_seconds,
-        "peak_bytes": np.nanmax(peaks) if len(peaks) > 1 else math.nan,
+        "peak_bytes": max(peaks, default=math.nan),
     }
 
 
