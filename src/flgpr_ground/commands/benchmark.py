@@ -185,12 +185,7 @@ def benchmark_template(
     return proving_ground.write_template(folder)
 
 
-def _listing_lines(lines: list[str], _: Arguments) -> Iterator[str]:
-    """Yield the lines of a listing."""
-    yield from lines
-
-
-@command(lines=_listing_lines, quiet=False)
+@command(quiet=False)
 def list_benchmark(
     quick: Quick = False,
     lanes: Annotated[
