@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -101,61 +101,57 @@ def run_oracle(
     """
     benchmark = Path(folder)
     tiers = read_ground(benchmark).chosen_tiers(tier)
-    for ground in tiers:
-        _check_lanes(ground, benchmark)
+    lanes = [_lanes_of_sites(ground, benchmark) for ground in tiers]
     # Opening the truth is logged: it comes after all that can be wrong.
     truth, *_ = open_truth(benchmark / "lanes" / SEALED, passphrase(tiers[0]))
-    tables = [_look_at_tier(ground, benchmark, recipe, options, truth) for ground in tiers]
+    tables = []
+    for ground, of_sites in zip(tiers, lanes, strict=True):
+        tables.append(_look_at_tier(ground, of_sites, benchmark, recipe, options, truth))
     return pd.concat(tables, ignore_index=True)
 
 
-def _check_lanes(ground: Ground, benchmark: Path) -> None:
-    """Refuse a ground without target-free test lanes, and lanes that are not there yet."""
-    lanes_of_sites = _lanes_of_sites(ground)
-    if not lanes_of_sites:
-        raise ValueError(
-            "sites must have test lanes without targets, whose false alarms count, got none "
-            f"in {benchmark}"
-        )
-    missing = []
-    for name in itertools.chain(*lanes_of_sites.values()):
-        run = benchmark / "lanes" / f"{name}.zarr"
-        if not run.is_dir():
-            missing.append(name)
-    if missing:
-        names = ", ".join(missing)
-        raise ValueError(f"lanes must be made by `flgpr benchmark run` first, not there: {names}")
+def _lanes_of_sites(ground: Ground, benchmark: Path) -> dict[str, list[str]]:
+    """Return the lanes that the oracle looks at by site, those without targets first.
 
-
-def _lanes_of_sites(ground: Ground) -> dict[str, list[str]]:
-    """Return the names of the lanes that the oracle looks at by site, those without targets first."""
+    A ground without target-free test lanes is refused, and so are lanes that are not there yet.
+    """
     names = {}
     for site in ground.sites:
         bare, tested = lanes_of_site(ground, site)
         if bare is not None and tested:
             names[site] = [lane.name for lane in (bare, *tested)]
+    if not names:
+        raise ValueError(
+            "sites must have test lanes without targets, whose false alarms count, got none "
+            f"in {benchmark}"
+        )
+    stores = [benchmark / "lanes" / f"{name}.zarr" for name in itertools.chain(*names.values())]
+    missing = ", ".join(store.stem for store in stores if not store.is_dir())
+    if missing:
+        raise ValueError(f"lanes must be made by `flgpr benchmark run` first, not there: {missing}")
     return names
 
 
 def _look_at_tier(
-    ground: Ground, folder: Path, recipe: str, options: RunOptions, truth: pd.DataFrame
+    ground: Ground,
+    lanes: Mapping[str, list[str]],
+    folder: Path,
+    recipe: str,
+    options: RunOptions,
+    truth: pd.DataFrame,
 ) -> pd.DataFrame:
     """Look at a ground or at one of its tiers, and write what was found."""
+    description = (ground.quick, ground.text)
     jobs: list[tuple[Any, ...]] = []
-    lanes_of_sites = _lanes_of_sites(ground)
-    for site, names in lanes_of_sites.items():
+    for site, names in lanes.items():
         targets = truth[truth["lane"].isin(names)].to_dict("list")
-        description = (ground.quick, ground.text)
         jobs.append((description, str(folder.resolve()), recipe, site, names, targets))
     label = f"oracle, {ground.tier}" if ground.tier else "oracle"
     rows_of_site = {}
     with options.executor() as executor:
         for report in options.track(executor.run(_look_at_site, jobs), label, len(jobs)):
             rows_of_site[report["lane"]] = report["found"]
-    rows = []
-    for site in lanes_of_sites:
-        rows += rows_of_site[site]
-    table = pd.DataFrame(rows)
+    table = pd.DataFrame([row for site in lanes for row in rows_of_site[site]])
     if ground.tier:
         table = table.assign(tier=ground.tier)
     write_whole(folder / oracle_file(ground), table.to_csv(index=False, float_format="%.6g"))
@@ -184,12 +180,11 @@ def lanes_of_site(ground: Ground, site: str) -> tuple[GroundLane | None, list[Gr
         if lane.site == site and lane.part == "test" and lane.stored is None:
             simulated.append(lane)
     bare = next((lane for lane in simulated if lane.empty), None)
-    if bare is None:
-        return None, []
     with_targets = []
     for lane in simulated:
-        is_like = lane.sensor == bare.sensor and lane.scene.surface == bare.scene.surface
-        if is_like and not lane.empty:
+        if bare is None or lane.empty or lane.sensor != bare.sensor:
+            continue
+        if lane.scene.surface == bare.scene.surface:
             with_targets.append(lane)
     return bare, with_targets
 
@@ -209,8 +204,7 @@ def _look_at_site(
     ground = load_ground(*description)
     bare, *tested = (ground.lanes[name] for name in names)
     targets = pd.DataFrame(truth)
-    bare_setup = cleaned_lane(folder, bare, recipe)
-    clutter = BareGround(bare_setup, bare.lane)
+    clutter = BareGround(cleaned_lane(folder, bare, recipe), bare.lane)
     rows = []
     for lane in tested:
         mines = targets[targets["lane"] == lane.name]
@@ -227,8 +221,7 @@ def _look_at_site(
             }
             if "body" in target:
                 row["body"] = target["body"]
-            ahead = looks.ahead[at_mine]
-            row |= clutter.rates(ahead, looks.chip[at_mine], echoes[at_mine])
+            row |= clutter.rates(looks.ahead[at_mine], looks.chip[at_mine], echoes[at_mine])
             rows.append(row)
     return {"lane": site, "found": rows}
 
@@ -254,22 +247,18 @@ class BareGround:
         metre = self.looks.ahead.astype(int)
         self._inverse = {}
         for number in np.unique(metre).tolist():
-            is_at_metre = metre == number
-            chips = self.looks.chip[is_at_metre]
-            inverse = inverse_covariance(chips)
-            self._inverse[number] = inverse
-            self.looks.chip[is_at_metre] = divided_by_rms(chips, inverse)
+            at_metre = metre == number
+            chips = self.looks.chip[at_metre]
+            self._inverse[number] = inverse_covariance(chips)
+            self.looks.chip[at_metre] = divided_by_rms(chips, self._inverse[number])
 
     def inverse(self, ahead: float) -> Complex128Array:
         """Return the inverse covariance (value, value) at a distance (m).
 
         At a distance that was not seen it is that of the nearest one.
         """
-
-        def distance_to(metre: int) -> float:
-            return abs(metre + 0.5 - ahead)  # of a metre's middle
-
-        nearest = min(self._inverse, key=distance_to)
+        # Of a metre's middle.
+        nearest = min(self._inverse, key=lambda metre: abs(metre + 0.5 - ahead))
         return self._inverse[nearest]
 
     def rates(self, ahead: FloatArray, chip: ComplexArray, echo: ComplexArray) -> dict[str, float]:
@@ -306,16 +295,11 @@ class BareGround:
         for y, look_filter in zip(ahead, filter_array, strict=True):
             columns.append(self._nearest(y) @ look_filter.conj())
         maps = log_likelihoods(np.stack(columns, axis=1))
-        counts = []
+        rates = []
         for level, statistic in zip(levels, maps, strict=True):
             over_ground = statistic.reshape(self.grid.ny, self.grid.nx)
-            counts.append(count_maxima(over_ground, float(level[0])))
-        without_phase, with_phase = counts
-        return {
-            "far": without_phase / self.area,
-            "far_phase": with_phase / self.area,
-            "area": self.area,
-        }
+            rates.append(count_maxima(over_ground, float(level[0])) / self.area)
+        return {"far": rates[0], "far_phase": rates[1], "area": self.area}
 
     def _nearest(self, ahead: float) -> ComplexArray:
         """Return the chips (place, value) of every place's look that is nearest to a distance.
@@ -326,8 +310,7 @@ class BareGround:
         distance = np.abs(self.looks.ahead - ahead)
         order = np.lexsort((-distance, self.looks.place))
         places = self.grid.nx * self.grid.ny
-        values = self.looks.chip.shape[1]
-        chips = np.zeros((places, values), np.complex64)
+        chips = np.zeros((places, self.looks.chip.shape[1]), np.complex64)
         chips[self.looks.place[order]] = self.looks.chip[order]
         return chips
 
@@ -369,8 +352,7 @@ def divided_by_rms(chip: ComplexArray, inverse: Complex128Array) -> ComplexArray
         The divided looks.
     """
     whitened = np.einsum("kc,cd,kd->k", chip.conj(), inverse, chip, optimize=True)
-    power = whitened.real / len(inverse)
-    rms = np.sqrt(np.maximum(power, 1e-12))
+    rms = np.sqrt(np.maximum(whitened.real / len(inverse), 1e-12))
     return np.asarray(chip / rms[:, None], dtype=np.complex64)
 
 
@@ -412,13 +394,18 @@ def looks_at(setup: ImagedRun, points: FloatArray) -> Looks:
     Looks
         Scan after scan.
     """
-    looks = []
+    return join_looks([looks for _, _, looks in _looks_of_scans(setup, points)])
+
+
+def _looks_of_scans(
+    setup: ImagedRun, points: FloatArray
+) -> Iterator[tuple[int, FloatArray, Looks]]:
+    """Yield the scans: index, x and y of the places in sight in the scan frame, and their looks."""
     for index in range(len(setup)):
         image = setup.coherent(index)
         numbers, places = places_in_sight(setup, points, image.attrs["pose"])
         chips = chips_at(image.values, setup.near, places)
-        looks.append(Looks(numbers, places[:, 1], chips))
-    return join_looks(looks)
+        yield index, places, Looks(numbers, places[:, 1], chips)
 
 
 def looks_at_mines(
@@ -443,29 +430,22 @@ def looks_at_mines(
         What the bodies add to each look.
     """
     simulator = Simulator(lane.scene, lane.sensor, lane.seed)
-    points = ground_points(mines)
+    scans = setup.near_imager.scans.tolist()
     looks = []
     echoes = []
-    for index, scan in enumerate(setup.near_imager.scans.tolist()):
-        image = setup.coherent(index)
-        numbers, places = places_in_sight(setup, points, image.attrs["pose"])
-        if not len(numbers):
-            continue
-        echo = setup.near_imager.image(scan, simulator.bodies(scan)).values
-        echo = echo / (setup.gains[index][..., None, None] * setup.background.gain)
-        chips = chips_at(image.values, setup.near, places)
-        looks.append(Looks(numbers, places[:, 1], chips))
-        echoes.append(chips_at(echo.astype(np.complex64), setup.near, places))
+    for index, places, of_scan in _looks_of_scans(setup, ground_points(mines)):
+        looks.append(of_scan)
+        if len(places):
+            echo = setup.near_imager.image(scans[index], simulator.bodies(scans[index])).values
+            echo = echo / (setup.gains[index][..., None, None] * setup.background.gain)
+            echoes.append(chips_at(echo.astype(np.complex64), setup.near, places))
     return join_looks(looks), np.concatenate(echoes)
 
 
 def join_looks(looks: Sequence[Looks]) -> Looks:
     """Join the looks of scans."""
-    return Looks(
-        place=np.concatenate([of_scan.place for of_scan in looks]),
-        ahead=np.concatenate([of_scan.ahead for of_scan in looks]),
-        chip=np.concatenate([of_scan.chip for of_scan in looks]),
-    )
+    columns = zip(*((look.place, look.ahead, look.chip) for look in looks), strict=True)
+    return Looks(*map(np.concatenate, columns))
 
 
 def places_in_sight(
@@ -495,8 +475,9 @@ def places_in_sight(
     x_min, x_max, y_min, y_end = setup.near.extent()
     edge = 2 * STEP
     y_max = min(setup.recipe.run_view.y_max, y_end - edge)
-    inside_x = (places[:, 0] > x_min + edge) & (places[:, 0] < x_max - edge)
-    inside_y = (places[:, 1] > y_min + edge) & (places[:, 1] <= y_max)
+    x, y = places.T
+    inside_x = (x > x_min + edge) & (x < x_max - edge)
+    inside_y = (y > y_min + edge) & (y <= y_max)
     numbers = np.flatnonzero(inside_x & inside_y)
     return numbers, places[numbers]
 
@@ -570,6 +551,5 @@ def count_maxima(values: FloatArray, level: float) -> int:
     reach = round(RADIUS / STEP)
     v, u = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     disc = (u**2 + v**2) * STEP**2 <= RADIUS**2
-    largest_about = maximum_filter(values, footprint=disc, mode="nearest")
-    is_maximum = values == largest_about
+    is_maximum = values == maximum_filter(values, footprint=disc, mode="nearest")
     return int(np.count_nonzero(is_maximum & (values >= level)))
