@@ -189,13 +189,26 @@ def _rows(
         if not (groups[MINES] & matched.truth["lane"].isin(lanes)).any():
             continue
         # Matched again: false alarms and area are those of the site's lanes alone.
-        alarms, truth = (
-            table[table["lane"].isin(lanes)].reset_index(drop=True)
-            for table in (matched.alarms, matched.truth)
-        )
-        borders = {name: matched.lanes[name] for name in lanes}
-        at_site = match(alarms, truth, borders, matched.halo)
-        yield from _points(ground, site, at_site, chosen_mines(ground, split, truth).to_numpy())
+        at_site = in_lanes(matched, lanes)
+        mines = chosen_mines(ground, split, at_site.truth).to_numpy()
+        yield from _points(ground, site, at_site, mines)
+
+
+def in_lanes(matched: Match, lanes: Sequence[str]) -> Match:
+    """Return the match of some of the lanes alone.
+
+    Parameters
+    ----------
+    matched : Match
+        The match of all lanes.
+    lanes : sequence of str
+        Names of those that are kept, with their own false alarms and area.
+    """
+    alarms, truth = (
+        table[table["lane"].isin(lanes)].reset_index(drop=True)
+        for table in (matched.alarms, matched.truth)
+    )
+    return match(alarms, truth, {name: matched.lanes[name] for name in lanes}, matched.halo)
 
 
 def _groups(ground: Ground, split: str, targets: pd.DataFrame) -> dict[str, pd.Series]:
