@@ -237,29 +237,49 @@ class BareGround:
         The lane with its background.
     lane : Lane
         Its borders.
+    kinds : tuple of str
+        What is known of the clutter: "full", its covariance, or "diagonal", the power of every
+        value alone.
     """
 
-    def __init__(self, setup: ImagedRun, lane: Lane) -> None:
+    def __init__(self, setup: ImagedRun, lane: Lane, kinds: tuple[str, ...] = ("full",)) -> None:
         self.grid = Grid.spanning((lane.x_min, lane.x_max), (lane.y_min, lane.y_max), STEP)
-        self.looks = looks_at(setup, self.grid.points().reshape(-1, 3))
         self.area = lane.area
+        looks = looks_at(setup, self.grid.points().reshape(-1, 3))
+        self.place = looks.place
+        self.ahead = looks.ahead
         # Clutter weakens and resolution falls with distance: a covariance for every metre.
-        metre = self.looks.ahead.astype(int)
-        self._inverse = {}
-        for number in np.unique(metre).tolist():
+        metre = looks.ahead.astype(int)
+        self.inverses: dict[str, dict[int, Complex128Array]] = {kind: {} for kind in kinds}
+        self.chips = {kind: looks.chip.copy() for kind in kinds}
+        for number, kind in itertools.product(np.unique(metre).tolist(), kinds):
             at_metre = metre == number
-            chips = self.looks.chip[at_metre]
-            self._inverse[number] = inverse_covariance(chips)
-            self.looks.chip[at_metre] = divided_by_rms(chips, self._inverse[number])
+            chips = looks.chip[at_metre]
+            if kind == "full":
+                inverse = inverse_covariance(chips)
+            else:
+                inverse = np.diag(1 / (np.abs(chips) ** 2).mean(axis=0, dtype=float)) + 0j
+            self.inverses[kind][number] = inverse
+            self.chips[kind][at_metre] = divided_by_rms(chips, inverse)
 
-    def inverse(self, ahead: float) -> Complex128Array:
+    def inverse(self, ahead: float, kind: str = "full") -> Complex128Array:
         """Return the inverse covariance (value, value) at a distance (m).
 
         At a distance that was not seen it is that of the nearest one.
         """
-        # Of a metre's middle.
-        nearest = min(self._inverse, key=lambda metre: abs(metre + 0.5 - ahead))
-        return self._inverse[nearest]
+        inverses = self.inverses[kind]
+        return inverses[min(inverses, key=lambda metre: abs(metre + 0.5 - ahead))]  # its middle
+
+    def nearest(self, ahead: float) -> tuple[IntArray, IntArray]:
+        """Return the places that are seen, and the number of each one's look nearest to a distance."""
+        order = np.lexsort((-np.abs(self.ahead - ahead), self.place))
+        last = np.r_[self.place[order][1:] != self.place[order][:-1], True]
+        return self.place[order][last], order[last]
+
+    def rate(self, statistic: FloatArray, level: float) -> float:
+        """Return the false alarms per m², local maxima of a statistic (place,) that reach a level."""
+        over_ground = statistic.reshape(self.grid.ny, self.grid.nx)
+        return count_maxima(over_ground, level) / self.area
 
     def rates(self, ahead: FloatArray, chip: ComplexArray, echo: ComplexArray) -> dict[str, float]:
         """Compute the false alarms per m² that reach a mine's statistics.
@@ -293,26 +313,16 @@ class BareGround:
 
         columns = []
         for y, look_filter in zip(ahead, filter_array, strict=True):
-            columns.append(self._nearest(y) @ look_filter.conj())
+            seen, number = self.nearest(y)
+            chips = np.zeros((self.grid.nx * self.grid.ny, chip.shape[1]), np.complex64)
+            chips[seen] = self.chips["full"][number]
+            columns.append(chips @ look_filter.conj())
         maps = log_likelihoods(np.stack(columns, axis=1))
-        rates = []
-        for level, statistic in zip(levels, maps, strict=True):
-            over_ground = statistic.reshape(self.grid.ny, self.grid.nx)
-            rates.append(count_maxima(over_ground, float(level[0])) / self.area)
-        return {"far": rates[0], "far_phase": rates[1], "area": self.area}
-
-    def _nearest(self, ahead: float) -> ComplexArray:
-        """Return the chips (place, value) of every place's look that is nearest to a distance.
-
-        They are zero for places never seen.
-        """
-        # Of the looks at one place the nearest comes last, and so is the one that stays.
-        distance = np.abs(self.looks.ahead - ahead)
-        order = np.lexsort((-distance, self.looks.place))
-        places = self.grid.nx * self.grid.ny
-        chips = np.zeros((places, self.looks.chip.shape[1]), np.complex64)
-        chips[self.looks.place[order]] = self.looks.chip[order]
-        return chips
+        far, far_phase = (
+            self.rate(statistic, float(level[0]))
+            for level, statistic in zip(levels, maps, strict=True)
+        )
+        return {"far": far, "far_phase": far_phase, "area": self.area}
 
 
 def inverse_covariance(chip: ComplexArray) -> Complex128Array:
