@@ -76,22 +76,25 @@ def cite_ground(ground: Ground) -> str:
     """Return how a ground is cited, as a line of text."""
     if not is_packaged(ground):
         return f"{ground.title}, a proving ground made with flgpr {flgpr.__version__}."
-    year = PUBLISHED[ground.title.removesuffix("-quick")][:4]
     return (
-        f"{CREATOR} ({year}): {ground.title}, a proving ground for forward-looking "
+        f"{CREATOR} ({_year(ground)}): {ground.title}, a proving ground for forward-looking "
         f"ground-penetrating radar, made with flgpr {flgpr.__version__}."
     )
 
 
 def bibtex_of_ground(ground: Ground) -> str:
     """Return how a packaged ground is cited, as an entry of BibTeX."""
-    year = PUBLISHED[ground.title.removesuffix("-quick")][:4]
     key = ground.title.replace("-", "")
     return (
-        f"@misc{{{key}, author = {{{{{CREATOR}}}}}, year = {{{year}}}, "
+        f"@misc{{{key}, author = {{{{{CREATOR}}}}}, year = {{{_year(ground)}}}, "
         f"title = {{{ground.title}: a proving ground for forward-looking ground-penetrating "
         f"radar}}, note = {{made with flgpr {flgpr.__version__}}}}}"
     )
+
+
+def _year(ground: Ground) -> str:
+    """Return the year in which a packaged ground was published."""
+    return PUBLISHED[ground.title.removesuffix("-quick")][:4]
 
 
 def bibtex(ground: Ground) -> str:

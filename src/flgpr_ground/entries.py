@@ -106,15 +106,16 @@ def _fitted_text(ground: Ground, name: str, recipe: str) -> str:
 
 def _array_of(ground: Ground) -> RadarSetup:
     """Return what a recipe that is fitted to the array of a ground depends on."""
-    for lane in ground.lanes.values():
-        if lane.stored is None:
-            poses, _ = draw_track(lane.scene, lane.sensor.height, lane.seed)
-            pose = np.median(poses, axis=0)
-            tx, rx = (vehicle_to_scan(places, pose) for places in lane.sensor.pairs())
-            labels = list(lane.sensor.polarization)
-            return RadarSetup(labels, lane.sensor.tones.axis(), tx, rx, poses)
+    lanes = list(ground.lanes.values())
+    if not lanes:
+        raise ValueError(f"ground must have a lane, got none in {ground.title}")
+    lane = lanes[0]
+    if lane.stored is not None:
         return radar_setup(open_run(lane.stored[0]))
-    raise ValueError(f"ground must have a lane, got none in {ground.title}")
+    poses, _ = draw_track(lane.scene, lane.sensor.height, lane.seed)
+    pose = np.median(poses, axis=0)
+    tx, rx = (vehicle_to_scan(places, pose) for places in lane.sensor.pairs())
+    return RadarSetup(list(lane.sensor.polarization), lane.sensor.tones.axis(), tx, rx, poses)
 
 
 def find_entry(what: str | Path, ground: Ground) -> Entry:

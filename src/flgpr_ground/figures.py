@@ -127,9 +127,8 @@ def _draw_kind(
     _set_rows(panel, row_heights, entries)
     panel.axvspan(PD_AXIS[0], float(scores["chance"].max()), color="0.8", zorder=1, lw=0)
 
-    shifts = np.zeros(1)
-    if len(tiers) > 1:
-        shifts = np.linspace(SPREAD / 2, -SPREAD / 2, len(tiers))
+    spread = SPREAD / 2 if len(tiers) > 1 else 0.0
+    shifts = np.linspace(spread, -spread, len(tiers))
     target_counts = []
     for tier, shift, mark in zip(tiers, shifts, cycle(TIER_MARKS), strict=False):
         rows = scores[scores["tier"] == tier].set_index("entry").reindex(entries)
@@ -217,14 +216,13 @@ def leaderboard_figure(
     """
     row_counts = [len(rows) for _, rows in tiers]
     panel_heights = [1.0 + ROW * count for count in row_counts]
+    ratios = {}
+    shape = (1, len(tiers))
+    size = (0.8 + 4.8 * len(tiers), max(panel_heights, default=1.0 + ROW))
     if narrow:
-        shape = (len(tiers), 1)
+        shape = shape[::-1]
         size = (4.2, sum(panel_heights) + 0.5)
         ratios = {"height_ratios": [3 + count for count in row_counts]}
-    else:
-        shape = (1, len(tiers))
-        size = (0.8 + 4.8 * len(tiers), max(panel_heights, default=1.0 + ROW))
-        ratios = {}
     figure = Figure(figsize=size, layout="constrained")
     panels = figure.subplots(*shape, squeeze=False, gridspec_kw=ratios).ravel()
     for panel, (tier, rows) in zip(panels, tiers, strict=True):

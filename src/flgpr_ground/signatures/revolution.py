@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
+from scipy.sparse import bmat, diags, identity, kron, lil_matrix
 from scipy.sparse.linalg import splu
 from scipy.special import jv
 
@@ -167,7 +167,7 @@ class ModalSolver:
         curl = _curl_curl(grid, mode, edges)
         ground = edges.average(np.broadcast_to(grid.ground, grid.permittivity.shape))
         contrast = edges.average(grid.permittivity) - ground
-        outside = (curl - self.k0**2 * sp.diags(ground)).tocsr()
+        outside = (curl - self.k0**2 * diags(ground)).tocsr()
         self._body = np.flatnonzero(edges.touching(grid.inside) & edges.used)
         metal = np.isnan(contrast)
         self._metal = metal[self._body]
@@ -179,7 +179,7 @@ class ModalSolver:
         self._solved = solved
         self._count = edges.count
         self._to_metal = outside[solved][:, self._body[self._metal]]
-        added = sp.diags(self.k0**2 * np.where(metal, 0, contrast)[solved])
+        added = diags(self.k0**2 * np.where(metal, 0, contrast)[solved])
         system = outside[solved][:, solved] - added
         self._factor = splu(
             system.tocsc(),
@@ -362,7 +362,7 @@ def _dual(nodes: Complex128Array) -> Complex128Array:
 def _difference(nodes: Complex128Array) -> Any:
     """Return the matrix of difference quotients from nodes to cells."""
     step = 1 / np.diff(nodes)
-    return sp.diags([-step, step], [0, 1], shape=(step.size, nodes.size))
+    return diags([-step, step], [0, 1], shape=(step.size, nodes.size))
 
 
 def _curl_curl(grid: YeeGrid, mode: int, edges: _Edges) -> Any:
@@ -377,35 +377,35 @@ def _curl_curl(grid: YeeGrid, mode: int, edges: _Edges) -> Any:
     over_rho = np.zeros(nr, complex)
     over_rho[1:] = 1 / rho[1:]
     m = 1j * mode
-    eye_r, eye_z, eye_hr, eye_hz = (sp.identity(size) for size in (nr, nz, nr - 1, nz - 1))
+    eye_r, eye_z, eye_hr, eye_hz = (identity(size) for size in (nr, nz, nr - 1, nz - 1))
     d_r = _difference(rho)
     d_z = _difference(z)
     # Curl of E, on the faces' middles.
-    b_rho = [None, -sp.kron(eye_r, d_z), sp.kron(sp.diags(m * over_rho), eye_hz)]
-    b_phi = [sp.kron(eye_hr, d_z), None, -sp.kron(d_r, eye_hz)]
+    b_rho = [None, -kron(eye_r, d_z), kron(diags(m * over_rho), eye_hz)]
+    b_phi = [kron(eye_hr, d_z), None, -kron(d_r, eye_hz)]
     b_z = [
-        sp.kron(sp.diags(-m / half), eye_z),
-        sp.kron(sp.diags(1 / half) @ d_r @ sp.diags(rho), eye_z),
+        kron(diags(-m / half), eye_z),
+        kron(diags(1 / half) @ d_r @ diags(rho), eye_z),
         None,
     ]
     # Curl of that, back on the edges: differences over the dual cells.
-    back_r = sp.diags(1 / _dual(rho)) @ _flux(nr)
-    back_z = sp.diags(1 / _dual(z)) @ _flux(nz)
-    ring = sp.diags(over_rho / _dual(rho)) @ _flux(nr) @ sp.diags(half)
+    back_r = diags(1 / _dual(rho)) @ _flux(nr)
+    back_z = diags(1 / _dual(z)) @ _flux(nz)
+    ring = diags(over_rho / _dual(rho)) @ _flux(nr) @ diags(half)
     if mode == 0:
-        ring = sp.lil_matrix(ring)
+        ring = lil_matrix(ring)
         ring[0, 0] = 2 / half[0]  # Stokes' theorem on the disc about the axis
     curl = [
-        [None, -sp.kron(eye_hr, back_z), sp.kron(sp.diags(m / half), eye_z)],
-        [sp.kron(eye_r, back_z), None, -sp.kron(back_r, eye_z)],
-        [sp.kron(sp.diags(-m * over_rho), eye_hz), sp.kron(ring, eye_hz), None],
+        [None, -kron(eye_hr, back_z), kron(diags(m / half), eye_z)],
+        [kron(eye_r, back_z), None, -kron(back_r, eye_z)],
+        [kron(diags(-m * over_rho), eye_hz), kron(ring, eye_hz), None],
     ]
-    return (sp.bmat(curl, format="csr") @ sp.bmat([b_rho, b_phi, b_z], format="csr")).tocsr()
+    return (bmat(curl, format="csr") @ bmat([b_rho, b_phi, b_z], format="csr")).tocsr()
 
 
 def _flux(nodes: int) -> Any:
     """Return the matrix of the cell after a node less the cell before it."""
-    return sp.diags([np.ones(nodes - 1), -np.ones(nodes - 1)], [0, -1], shape=(nodes, nodes - 1))
+    return diags([np.ones(nodes - 1), -np.ones(nodes - 1)], [0, -1], shape=(nodes, nodes - 1))
 
 
 _DETOUR = 0.25  # height of the path over the real axis, relative to the wavenumber in the soil
