@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 from scipy.ndimage import maximum_filter
 from scipy.special import ive
 
@@ -383,8 +384,12 @@ def cleaned_lane(folder: str, lane: GroundLane, recipe: str) -> ImagedRun:
     ImagedRun
         The lane, whose images are cleaned when they are asked for.
     """
-    run = open_run(Path(folder) / "lanes" / f"{lane.name}.zarr")
-    setup = ImagedRun(run, load_recipe(recipe), lane.lane, explains=False)
+    return cleaned_run(open_run(Path(folder) / "lanes" / f"{lane.name}.zarr"), lane.lane, recipe)
+
+
+def cleaned_run(run: xr.Dataset, lane: Lane, recipe: str) -> ImagedRun:
+    """Return a run over a lane with its background, as :func:`cleaned_lane` does."""
+    setup = ImagedRun(run, load_recipe(recipe), lane, explains=False)
     engine_of(setup).run(names=("signature", "gain"))
     return setup
 
