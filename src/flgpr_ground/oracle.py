@@ -344,7 +344,7 @@ def inverse_covariance(chip: ComplexArray) -> Complex128Array:
     covariance = chip.T.astype(np.complex128) @ chip.conj() / len(chip)
     size = len(covariance)
     load = _LOAD * np.trace(covariance).real / size
-    return np.asarray(np.linalg.inv(covariance + load * np.eye(size)))
+    return np.linalg.inv(covariance + load * np.eye(size))
 
 
 def divided_by_rms(chip: ComplexArray, inverse: Complex128Array) -> ComplexArray:

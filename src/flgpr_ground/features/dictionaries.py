@@ -32,7 +32,7 @@ class Whitening(NamedTuple):
     def __call__(self, descriptors: FloatArray) -> FloatArray:
         """Return descriptors (..., component) in the principal directions (..., direction)."""
         with blas_on_one_thread():
-            return np.asarray((descriptors - self.mean) @ self.projection.T)
+            return (descriptors - self.mean) @ self.projection.T
 
 
 class Mixture(NamedTuple):
@@ -187,4 +187,4 @@ def improved_fisher_vectors(vectors: AnyArray) -> FloatArray:
     """
     powered = np.sign(vectors) * np.sqrt(np.abs(vectors))
     norm = np.sqrt((powered**2).sum(axis=-1, keepdims=True))
-    return np.asarray(powered / np.where(norm > 0, norm, 1.0))
+    return powered / np.where(norm > 0, norm, 1.0)

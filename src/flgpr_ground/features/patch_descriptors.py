@@ -52,12 +52,12 @@ def normalize_by_border(patches: AnyArray, known: BoolArray) -> FloatArray:
     def mean_of_border(of: FloatArray) -> FloatArray:
         """Return the means (..., 1, 1) of the known pixels of the border."""
         total = np.where(known_border, of, 0.0).sum(axis=(-2, -1), keepdims=True)
-        return np.asarray(total / np.maximum(count, 1))
+        return total / np.maximum(count, 1)
 
     mean = mean_of_border(values)
     deviation = np.sqrt(mean_of_border((values - mean) ** 2))
     deviation = np.where(deviation > 0, deviation, 1.0)
-    return np.asarray(np.where(known & (count > 0), (values - mean) / deviation, 0.0))
+    return np.where(known & (count > 0), (values - mean) / deviation, 0.0)
 
 
 def oriented_gradients(patches: FloatArray, bins: int, signed: bool) -> FloatArray:
@@ -88,7 +88,7 @@ def oriented_gradients(patches: FloatArray, bins: int, signed: bool) -> FloatArr
     number = np.minimum((direction * (bins / turn)).astype(np.int64), bins - 1)
     in_bin = number[..., None, :, :] == np.arange(bins)[:, None, None]
     magnitude = np.hypot(along_v, along_u)
-    return np.asarray(np.where(in_bin, magnitude[..., None, :, :], 0.0))
+    return np.where(in_bin, magnitude[..., None, :, :], 0.0)
 
 
 def hog(patches: FloatArray, cell: int, block: int = 2, bins: int = 9) -> FloatArray:
@@ -144,7 +144,7 @@ def hog(patches: FloatArray, cell: int, block: int = 2, bins: int = 9) -> FloatA
 def _unit(vectors: FloatArray) -> FloatArray:
     """Scale vectors (..., component) to a norm of one."""
     norm = np.sqrt((vectors**2).sum(axis=-1, keepdims=True) + _EPSILON**2)
-    return np.asarray(vectors / norm)
+    return vectors / norm
 
 
 def local_binary_patterns(patches: FloatArray) -> IntArray:
@@ -177,7 +177,7 @@ def local_binary_patterns(patches: FloatArray) -> IntArray:
         """Return the value one pixel away on a diagonal, bilinear between four pixels."""
         sides = shifted(down, 0) + shifted(0, right)
         without_corner = (1 - offset) ** 2 * centre + offset * (1 - offset) * sides
-        return np.asarray(without_corner + offset**2 * shifted(down, right))
+        return without_corner + offset**2 * shifted(down, right)
 
     around = ((0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0), (1, 1))
     neighbours = [diagonal(*at) if all(at) else shifted(*at) for at in around]

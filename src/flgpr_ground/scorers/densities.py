@@ -50,7 +50,7 @@ class MixtureScorer(StoredScorer):
             log_determinant = np.sum(np.log(np.diagonal(root)))  # of the root
             logs[:, k] = np.log(share) + log_determinant - distance / 2
         constant = z.shape[1] / 2 * math.log(2 * math.pi)
-        return np.asarray(logsumexp(logs, axis=1) - constant - self.offset)
+        return logsumexp(logs, axis=1) - constant - self.offset
 
     @classmethod
     def of(cls, estimator: Any) -> Self:
@@ -106,7 +106,7 @@ class TailScorer(StoredScorer):
             return np.zeros(0)
         left, right, skewed = tail_logs(np.concatenate([self.examples, X]))
         scores = self._joined(left, right, skewed).sum(axis=1)
-        return np.asarray(scores[-len(X) :])
+        return scores[-len(X) :]
 
     @staticmethod
     def _joined(left: FloatArray, right: FloatArray, skewed: FloatArray) -> FloatArray:
@@ -185,7 +185,7 @@ class NeighbourScorer(StoredScorer):
         """Score samples that are few enough for all their distances to be in memory."""
         nearest = np.sort(self._distances(X), axis=1)[:, : self.neighbours]
         if self.method == "largest":
-            return np.asarray(nearest[:, -1])
+            return nearest[:, -1]
         return np.asarray(
             nearest.mean(axis=1) if self.method == "mean" else np.median(nearest, axis=1)
         )

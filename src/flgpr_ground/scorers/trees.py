@@ -146,7 +146,7 @@ class ForestScorer(StoredScorer):
     def __call__(self, X: FloatArray) -> FloatArray:
         """Score samples (n_samples, n_features), which the trees take in single precision."""
         p = self.trees.total(X.astype(np.float32)) / len(self.trees.first)
-        return np.asarray(np.log(np.maximum(p, 1e-12)) - np.log(np.maximum(1 - p, 1e-12)))
+        return np.log(np.maximum(p, 1e-12)) - np.log(np.maximum(1 - p, 1e-12))
 
     @classmethod
     def of(cls, estimator: Any) -> Self:
@@ -179,7 +179,7 @@ class BoostedScorer(StoredScorer):
 
     def __call__(self, X: FloatArray) -> FloatArray:
         """Score samples (n_samples, n_features)."""
-        return np.asarray(self.baseline + self.trees.total(X))
+        return self.baseline + self.trees.total(X)
 
     @classmethod
     def of(cls, estimator: Any) -> Self:
@@ -224,7 +224,7 @@ class IsolationScorer(StoredScorer):
         lengths = self.trees.total(X.astype(np.float32))
         scale = len(self.trees.first) * self.mean_length
         relative = lengths / scale if scale > 0 else np.ones_like(lengths)
-        return np.asarray(-(2.0**-relative) - self.offset)
+        return -(2.0**-relative) - self.offset
 
     @classmethod
     def of(cls, estimator: Any) -> Self:
@@ -255,7 +255,7 @@ def _path_lengths(tree: Any) -> FloatArray:
     depth = np.zeros(tree.node_count)
     for node in np.flatnonzero(tree.children_left >= 0):  # children have larger numbers
         depth[[tree.children_left[node], tree.children_right[node]]] = depth[node] + 1
-    return np.asarray(depth + _mean_path_length(tree.n_node_samples))
+    return depth + _mean_path_length(tree.n_node_samples)
 
 
 def _mean_path_length(count: AnyArray) -> FloatArray:
@@ -267,4 +267,4 @@ def _mean_path_length(count: AnyArray) -> FloatArray:
     n = floats(count)
     several = np.maximum(n, 3.0)
     length = 2 * (np.log(several - 1) + np.euler_gamma) - 2 * (several - 1) / several
-    return np.asarray(np.select([n <= 1, n == 2], [0.0, 1.0], length))
+    return np.select([n <= 1, n == 2], [0.0, 1.0], length)

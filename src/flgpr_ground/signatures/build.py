@@ -80,7 +80,7 @@ def _read_piece(file: Path) -> ComplexArray:
     shape, dtype, head = npy_header(io.BytesIO(data))
     if dtype != np.complex64 or head + array_bytes(shape, dtype) != len(data):
         raise ValueError(f"{file} must hold a piece of a table, got {shape} {dtype}: take it away")
-    return np.asarray(np.load(io.BytesIO(data), allow_pickle=False))
+    return np.load(io.BytesIO(data), allow_pickle=False)
 
 
 def _solve_and_store(body: Body, soil: int, frequency: int, file: str) -> Report:

@@ -265,14 +265,14 @@ class ClassSystem:
         nx, ny, nz = field.shape
         in_x = self._forward[0][component == 0][0] @ field.reshape(nx, -1).view(np.float32)
         in_y = self._forward[1][component == 1][0] @ in_x.reshape(-1, ny, 2 * nz)
-        return np.asarray(in_y.view(np.complex64) @ self._down)
+        return in_y.view(np.complex64) @ self._down
 
     def _field(self, spectrum: ComplexArray, component: int) -> ComplexArray:
         """Return the field of one component of a spectrum."""
         in_z = (spectrum @ self._up).view(np.float32)
         in_y = self._forward[1][component == 1][1] @ in_z
         in_x = self._forward[0][component == 0][1] @ in_y.reshape(in_y.shape[0], -1)
-        return np.asarray(in_x.view(np.complex64).reshape(self.shape[1:]))
+        return in_x.view(np.complex64).reshape(self.shape[1:])
 
 
 def _transforms(count: int, parity: int) -> list[tuple[Float32Array, Float32Array]]:
@@ -365,7 +365,7 @@ def _project(system: ClassSystem, columns: ComplexArray) -> Complex128Array:
     solution = np.linalg.solve(gram, image.conj().T @ columns)
     once = solution.T @ (basis.T @ columns)
     twice = solution.T @ (basis.T @ image) @ solution
-    return np.asarray(once + once.T - (twice + twice.T) / 2)
+    return once + once.T - (twice + twice.T) / 2
 
 
 _LAYER_CELLS = 2  # at least, in the thinnest layer
@@ -509,7 +509,7 @@ def _average(media: Complex128Array, shares: list[FloatArray], along: int) -> Co
     for axis in range(3):
         if axis != along:
             media = _weigh(shares[axis], media, axis)
-    return np.asarray(1 / _weigh(shares[along], 1 / media, along))
+    return 1 / _weigh(shares[along], 1 / media, along)
 
 
 def _weigh(share: FloatArray, values: Complex128Array, axis: int) -> Complex128Array:

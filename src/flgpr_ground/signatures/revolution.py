@@ -241,7 +241,7 @@ class ModalSolver:
         field = np.zeros((self._count, incident.shape[1]), complex)
         field[self._solved] = self._factor.solve(right)
         field[self._body[self._metal]] = -incident[self._metal]
-        return np.asarray(self._outside @ field)
+        return self._outside @ field
 
 
 def wave_modes(
@@ -574,4 +574,4 @@ def with_surface(
     system = np.identity(2 * nodes) - answer[np.ix_(inner, inner)] * bounce
     repeated = np.linalg.solve(system, answer[np.ix_(inner, outer)])
     direct = answer[np.ix_(outer, outer)]
-    return np.asarray(direct + answer[np.ix_(outer, inner)] * bounce @ repeated)
+    return direct + answer[np.ix_(outer, inner)] * bounce @ repeated

@@ -147,4 +147,4 @@ class TimeFrequency(FeatureStage):
         search = round(self.settings.search / self.setup.images.dy)
         middle = np.abs(chips[:, half - search : half + search + 1])
         brightest = np.nan_to_num(middle).max(axis=1).argmax(axis=1)
-        return np.asarray(chips[np.arange(len(chips)), :, brightest])
+        return chips[np.arange(len(chips)), :, brightest]
