@@ -13,10 +13,9 @@ from matplotlib.lines import Line2D
 
 from flgpr.geo.anchor import Anchor
 from flgpr.model import Lane
-from flgpr.report.comparison_page import POINT_HEAD, point_cells, points_figure
+from flgpr.report.comparison_page import POINT, points_figure
 from flgpr.report.curve_figures import COLOURS, MARKS
-from flgpr.report.kit import render
-from flgpr.report.score_page import in_words
+from flgpr.report.kit import render, table_rows
 from flgpr.report.trial_block import TrialBlock, list_block
 from flgpr_trials.blind import BlindScore
 from flgpr_trials.intake import ReadList
@@ -258,23 +257,32 @@ def blind_html(blind: BlindScore, notes: Mapping[str, Any]) -> str:
     str
         The page, HTML without references to other files.
     """
-    groups = {}
-    points_by_group = {}
-    for group, points in blind.points.groupby("group", sort=False):
-        points_by_group[str(group)] = points
-        rows = []
-        for row in points.to_dict("records"):
-            rows.append([f"{row['far_allowed']:g}", *point_cells(row)])
-        groups[str(group)] = rows
+    columns = {">allowed FAR (per m²)": "{far_allowed:g}", **POINT}
+    points = {str(name): rows for name, rows in blind.points.groupby("group", sort=False)}
+    targets = None
+    head = {}
+    if blind.targets is not None:
+        head = {
+            "target": "{target_id}",
+            "kind": "{kind}",
+            ">depth (cm)": "{cm:.1f}",
+            ">found from the allowed FAR (per m²)": "{first}",
+        }
+        if "lane" in blind.targets:
+            head = {"lane": "{lane}"} | head
+        found_from = blind.targets["found_from"]
+        first = found_from.map("{:g}".format).where(found_from.notna(), "not at any")
+        targets = blind.targets.assign(cm=100 * blind.targets["depth"], first=first)
     return render(
         "blind.html",
         "flgpr_trials",
         blind=blind,
-        groups=groups,
-        head=[">allowed FAR (per m²)", *POINT_HEAD],
-        picture=points_figure(points_by_group),
-        targets=_target_texts(blind.targets),
-        notes={name: in_words(value) for name, value in notes.items()},
+        groups={name: table_rows(rows, columns.values()) for name, rows in points.items()},
+        head=list(columns),
+        picture=points_figure(points),
+        targets=None if targets is None else table_rows(targets, head.values()),
+        targets_head=list(head),
+        notes=notes,
         trial=_blind_block(blind, notes),
     )
 
@@ -295,15 +303,3 @@ def _blind_block(blind: BlindScore, notes: Mapping[str, Any]) -> TrialBlock:
         rules,
         "sealed lane",
     )
-
-
-def _target_texts(targets: pd.DataFrame | None) -> pd.DataFrame | None:
-    """Return the table of targets of a blind score as text; None where it is not allowed."""
-    if targets is None:
-        return None
-    found_from = []
-    depths = []
-    for far, depth in zip(targets["found_from"], targets["depth"], strict=True):
-        found_from.append("not at any" if np.isnan(far) else f"{far:g}")
-        depths.append("not known" if np.isnan(depth) else f"{100 * depth:.1f}")
-    return targets.assign(depth=depths, found_from=found_from).astype(str)

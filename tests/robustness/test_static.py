@@ -192,7 +192,7 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "formats/arrays.py _open_mat": ({"load"}, IN_HAND),
     "formats/child.py unpack": ({"open"}, IN_HAND),
     "commands/design.py _as_json": ({"json.loads"}, IN_HAND),
-    "commands/picture.py Picture.summary": ({"json.loads"}, IN_HAND),
+    "commands/picture.py Picture.as_json": ({"json.loads"}, IN_HAND),
     "commands/score_text.py score_summary": ({"json.loads"}, IN_HAND),
     "flgpr_trials/sealing.py _as_json": ({"json.loads"}, IN_HAND),
     "jobs/simulated_lane.py _digest": ({"json.loads"}, IN_HAND),

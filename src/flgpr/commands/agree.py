@@ -8,8 +8,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Argument
-
 from flgpr.commands.options import Paths
 from flgpr.commands.shell import Arguments, command
 
@@ -73,9 +71,7 @@ def _verdict_lines(pair: Mapping[str, Any]) -> Iterator[str]:
 
 @command(lines=agreement_lines, as_json=agreement_json)
 def agree(
-    verdicts: Annotated[
-        Paths, Argument(help="Verdicts (JSON of flgpr view), a file for each analyst.")
-    ],
+    verdicts: Annotated[Paths, "Verdicts (JSON of flgpr view), a file for each analyst."],
 ) -> dict[tuple[str, str], PairAgreement]:
     """Compare the verdicts of every two analysts on the alarms that both of them judged.
 

@@ -6,8 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
-from typer import Argument, Option
-
 from flgpr.commands.options import PathLike, lane_option, output_option
 from flgpr.commands.shell import Arguments, command
 
@@ -51,19 +49,15 @@ def _as_json(fit: dict[str, Any], _: Arguments) -> dict[str, Any]:
 
 @command(lines=_lines, as_json=_as_json, quiet=False)
 def anchor(
-    points: Annotated[PathLike, Argument(help="Anchor (TOML), or CSV of surveyed points.")],
-    crs: Annotated[
-        str | None, Option(help="CSV: reference system of the points, such as EPSG:32633.")
-    ] = None,
+    points: Annotated[PathLike, "Anchor (TOML), or CSV of surveyed points."],
+    crs: Annotated[str | None, "CSV: reference system of the points, such as EPSG:32633."] = None,
     accuracy: Annotated[
-        float | None, Option(help="CSV: standard deviation of a surveyed coordinate, m.")
+        float | None, "CSV: standard deviation of a surveyed coordinate, m."
     ] = None,
-    write: Annotated[PathLike | None, Option(help="CSV: anchor (TOML) to write.")] = None,
+    write: Annotated[PathLike | None, "CSV: anchor (TOML) to write."] = None,
     lane: Annotated[PathLike | None, lane_option("its corners are computed")] = None,
-    outline: Annotated[
-        PathLike | None, Option(help="GeoJSON of the lane's outline to write.")
-    ] = None,
-    run: Annotated[PathLike | None, Option(help="Run store to tie to the Earth.")] = None,
+    outline: Annotated[PathLike | None, "GeoJSON of the lane's outline to write."] = None,
+    run: Annotated[PathLike | None, "Run store to tie to the Earth."] = None,
     output: Annotated[PathLike | None, output_option("run store with its georeference")] = None,
 ) -> dict[str, Any]:
     """Fit a lane to surveyed points: its position on the Earth, and the uncertainty.

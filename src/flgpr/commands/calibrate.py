@@ -25,25 +25,18 @@ NewRun = Annotated[PathLike | None, output_option("calibrated run store")]
 Reflectors = Annotated[PathLike, Option(help="CSV of reflectors: x_m, y_m, z_m in the lane frame.")]
 Tolerance = Annotated[
     float,
-    Option(
-        help="Largest distance of an echo from its reflector, and largest difference between "
-        "reflectors' biases, m."
-    ),
+    "Largest distance of an echo from its reflector, and largest difference between "
+    "reflectors' biases, m.",
 ]
 Offsets = Annotated[Limits, Option(help="Least and greatest offset of the track's clock, s.")]
 TrackFile = Annotated[
     PathLike | None, Option("--track", help="CSV track or NMEA log; NAME-track.csv by default.")
 ]
 TrackAnchor = Annotated[PathLike | None, anchor_option("to read an NMEA log")]
-Step = Annotated[
-    float, Option(help="First step of the offsets, s; halved four times around the best.")
-]
+Step = Annotated[float, "First step of the offsets, s; halved four times around the best."]
 KeepStanding = Annotated[
     bool,
-    Option(
-        "--keep-standing",
-        help="Search with what is the same in all scans; it is removed by default.",
-    ),
+    "Search with what is the same in all scans; it is removed by default.",
 ]
 
 
@@ -128,13 +121,9 @@ def calibrate_clock(
     track: TrackFile = None,
     anchor: TrackAnchor = None,
     step: Step = 0.05,
-    height: Annotated[float, Option(help="z of the area, m.")] = 0.0,
-    spacing: Annotated[
-        float | None, Option(help="Pixel spacing, m; a quarter wavelength by default.")
-    ] = None,
-    rate: Annotated[
-        Sequence[float] | None, Option(help="Clock rate to try; may repeat, 1 by default.")
-    ] = None,
+    height: Annotated[float, "z of the area, m."] = 0.0,
+    spacing: Annotated[float | None, "Pixel spacing, m; a quarter wavelength by default."] = None,
+    rate: Annotated[Sequence[float] | None, "Clock rate to try; may repeat, 1 by default."] = None,
     keep_standing: KeepStanding = False,
 ) -> ClockFit:
     """Find the offset between the radar's clock and the track's by focus alone, without reflectors.
@@ -180,7 +169,7 @@ def calibrate_range_bias(
     output: NewRun = None,
     search: Annotated[
         float | None,
-        Option(help="Largest bias to either side of zero, m; 3, or what unambiguous ranges allow."),
+        "Largest bias to either side of zero, m; 3, or what unambiguous ranges allow.",
     ] = None,
     tolerance: Tolerance = 0.15,
     keep_standing: KeepStanding = False,
@@ -218,7 +207,7 @@ def calibrate_joint(
     run: RunArgument,
     reflectors: Reflectors,
     offsets: Offsets,
-    biases: Annotated[Limits, Option(help="Least and greatest range bias, m.")] = (
+    biases: Annotated[Limits, "Least and greatest range bias, m."] = (
         -3.0,
         3.0,
     ),
@@ -289,10 +278,10 @@ def _speed(fit: GroundFit) -> float:
 def calibrate_permittivity(
     run: RunArgument,
     along: Annotated[
-        Limits | None, Option(help="Stretch of the line that holds hyperbolas, m; all by default.")
+        Limits | None, "Stretch of the line that holds hyperbolas, m; all by default."
     ] = None,
-    delays: Annotated[Limits, Option(help="Delays that hold them, ns.")] = (1.0, 30.0),
-    limits: Annotated[Limits, Option(help="Least and greatest permittivity to try.")] = (2.0, 36.0),
+    delays: Annotated[Limits, "Delays that hold them, ns."] = (1.0, 30.0),
+    limits: Annotated[Limits, "Least and greatest permittivity to try."] = (2.0, 36.0),
     *,
     trials: Annotated[int, "Number of permittivities that are tried."] = 41,
     track: Progress = None,

@@ -6,8 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Argument, Option
-
 from flgpr.commands.options import (
     Overwrite,
     PathLike,
@@ -58,16 +56,14 @@ def _as_json(returned: SideBySide, call: Arguments) -> Any:
     panels={**PANELS, "Register and sealed truth": ("recipe", "book", "witness")},
 )
 def compare(
-    alarms: Annotated[
-        ResultsLike, Argument(help="Result folders and alarm lists (CSV), two or more.")
-    ],
+    alarms: Annotated[ResultsLike, "Result folders and alarm lists (CSV), two or more."],
     truth: Truth = None,
     lane: Annotated[
         PathLike | None, lane_option("or a CSV of several; results have their own")
     ] = None,
     output: Annotated[PathLike | None, output_option("folder of the page and its JSON")] = None,
     halo: Annotated[
-        float | None, Option(help="Halo radius in metres; by default that of the results, or 1 m.")
+        float | None, "Halo radius in metres; by default that of the results, or 1 m."
     ] = None,
     far: Far = None,
     recipe: Recipes = None,

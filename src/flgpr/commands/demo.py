@@ -7,10 +7,9 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
-from typer import Option
 
 from flgpr.commands.compared_recipes import DEMO_COMPARISONS, detect_compared
 from flgpr.commands.exports import map_bytes
@@ -25,14 +24,6 @@ if TYPE_CHECKING:
     from flgpr.scoring import Score
     from flgpr.scoring.score_entries import ScoreSummary
 
-VIEW = Annotated[bool, Option("--view", help="Open the result in the viewer.")]
-NO_OPEN = Annotated[bool, Option("--no-open", help="Open no browser: print where the page is.")]
-DETAILS = Annotated[
-    bool, Option("--details", help="Print what became of each target, counts, chance and interval.")
-]
-LIVE = Annotated[
-    bool, Option("--live", help="Show a recorded drive of half a minute on the driver's screen.")
-]
 _REPORT = "report"  # the last step of the demo
 _RATE = 2.25  # scans/s, a metre each: a speed at which the driver's screen says all its words
 _PAUSE = 5.0  # s between the end of the drive and its beginning anew
@@ -128,11 +119,11 @@ def play_drive(
     lines=_lines,
     as_json=_as_json,
     context=_page,
-    shell_options={
-        "details": (DETAILS, False),
-        "no_open": (NO_OPEN, False),
-        "view": (VIEW, False),
-        "live": (LIVE, False),
+    shell_flags={
+        "details": "Print what became of each target, counts, chance and interval.",
+        "no_open": "Open no browser: print where the page is.",
+        "view": "Open the result in the viewer.",
+        "live": "Show a recorded drive of half a minute on the driver's screen.",
     },
     compiles_kernels=True,
 )

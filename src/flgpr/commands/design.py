@@ -7,8 +7,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Argument, Option
-
 from flgpr.commands.options import Output, Progress
 from flgpr.commands.shell import Arguments, command
 
@@ -63,63 +61,46 @@ def _check_json(call: Arguments) -> dict[str, Any]:
     },
 )
 def design(
-    sensor: Annotated[str, Argument(help="Sensor preset or TOML file.")],
-    compare: Annotated[
-        Sequence[str] | None, Option(help="Another sensor to compare; may repeat.")
-    ] = None,
+    sensor: Annotated[str, "Sensor preset or TOML file."],
+    compare: Annotated[Sequence[str] | None, "Another sensor to compare; may repeat."] = None,
     output: Output = "design.html",
-    band: Annotated[
-        tuple[float, float] | None, Option(help="First and last tone, Hz; all by default.")
-    ] = None,
-    window: Annotated[
-        str, Option(help="Window over the tones: boxcar, hann, hamming, taylor.")
-    ] = "hann",
-    site: Annotated[
-        str, Option(help="Site whose soil and surface the mines lie in.")
-    ] = "arid-sand",
-    rms: Annotated[
-        float | None, Option(help="Rms height of the surface, m; the site's by default.")
-    ] = None,
+    band: Annotated[tuple[float, float] | None, "First and last tone, Hz; all by default."] = None,
+    window: Annotated[str, "Window over the tones: boxcar, hann, hamming, taylor."] = "hann",
+    site: Annotated[str, "Site whose soil and surface the mines lie in."] = "arid-sand",
+    rms: Annotated[float | None, "Rms height of the surface, m; the site's by default."] = None,
     depth: Annotated[
         Sequence[float] | None,
-        Option(help="Depth of the mines' top, m; may repeat with --signal-to-clutter."),
+        "Depth of the mines' top, m; may repeat with --signal-to-clutter.",
     ] = None,
     signal_to_clutter: Annotated[
         bool,
-        Option(
-            "--signal-to-clutter",
-            help="Print the expected signal to clutter of bodies; write no page.",
-        ),
+        "Print the expected signal to clutter of bodies; write no page.",
     ] = False,
     body: Annotated[
         Sequence[str] | None,
-        Option(help="Signal to clutter: packaged body or table; may repeat; all by default."),
+        "Signal to clutter: packaged body or table; may repeat; all by default.",
     ] = None,
-    distance: Annotated[
-        float | None, Option(help="Signal to clutter: ground range to the body, m; 12.")
-    ] = None,
+    distance: Annotated[float | None, "Signal to clutter: ground range to the body, m; 12."] = None,
     height: Annotated[
-        float | None, Option(help="Signal to clutter: of the array, m; the sensor's by default.")
+        float | None, "Signal to clutter: of the array, m; the sensor's by default."
     ] = None,
     permittivity: Annotated[
         float | None,
-        Option(help="Signal to clutter: of the soil, with --loss-tangent; the site's by default."),
+        "Signal to clutter: of the soil, with --loss-tangent; the site's by default.",
     ] = None,
     loss_tangent: Annotated[
-        float | None, Option(help="Signal to clutter: of the soil; the site's by default.")
+        float | None, "Signal to clutter: of the soil; the site's by default."
     ] = None,
     correlation_length: Annotated[
-        float | None, Option(help="Signal to clutter: of the surface, m; the site's by default.")
+        float | None, "Signal to clutter: of the surface, m; the site's by default."
     ] = None,
     unevenness: Annotated[
         float | None,
-        Option(help="Signal to clutter: of the ground, m³ (ISO 8608); the site's by default."),
+        "Signal to clutter: of the ground, m³ (ISO 8608); the site's by default.",
     ] = None,
     measure: Annotated[
         int | None,
-        Option(
-            help="Signal to clutter: measure it too, on simulated images of this number of grounds."
-        ),
+        "Signal to clutter: measure it too, on simulated images of this number of grounds.",
     ] = None,
     *,
     track: Progress = None,

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Concatenate, ParamSpec, Protocol, cast, overload
 
-from typer import Argument, Option
+from typer import Option
 
 from flgpr.commands.options import (
     REQUIRED,
@@ -155,10 +155,10 @@ def _typed(function: Callable[Concatenate[Any, P], Any]) -> OneOrList[P]:
     compiles_kernels=True,
 )
 def detect(
-    runs: Annotated[RunsLike, Argument(help="Run stores; several make a survey.")],
+    runs: Annotated[RunsLike, "Run stores; several make a survey."],
     recipe: Annotated[
         PathLike | None,
-        Option(help="Packaged recipe or TOML file; else one is made for the run."),
+        "Packaged recipe or TOML file; else one is made for the run.",
         ShellType(str),
     ] = None,
     output: Annotated[
@@ -168,28 +168,26 @@ def detect(
         LanesLike | None,
         lane_option("once per run"),
     ] = None,
-    model: Annotated[PathLike | None, Option(help="Model of `flgpr train` for the recipe.")] = None,
+    model: Annotated[PathLike | None, "Model of `flgpr train` for the recipe."] = None,
     workers: Annotated[int | None, Option(help="Processes; the result is the same.", min=1)] = None,
     scheduler: Scheduler = None,
     lanes_at_once: Annotated[
         int | None, Option(help="Lanes at the same time; needs workers or a scheduler.", min=1)
     ] = None,
     max_memory: Annotated[
-        str | int, Option(help="Memory of each process; larger lanes are processed in sections.")
+        str | int, "Memory of each process; larger lanes are processed in sections."
     ] = "2GB",
     section: Annotated[
-        float | None, Option(help="Longest section of a lane, m, for recipes without variants.")
+        float | None, "Longest section of a lane, m, for recipes without variants."
     ] = None,
     others: With = (),
     unlike: Annotated[
         str,
-        Option(
-            help="On ground unlike the model's training: rank by contrast (fallback), keep, or refuse."
-        ),
+        "On ground unlike the model's training: rank by contrast (fallback), keep, or refuse.",
     ] = "fallback",
     far: Annotated[
         float | None,
-        Option(help="False alarms per m² to state a threshold for; alarms above it are marked."),
+        "False alarms per m² to state a threshold for; alarms above it are marked.",
     ] = None,
     overwrite: Overwrite = True,
     *,

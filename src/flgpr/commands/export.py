@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from typer import Argument, Option
+from typer import Option
 
 from flgpr.commands.exports import Wish, export_formats, write_export
 from flgpr.commands.options import Output, PathLike, anchor_option
@@ -16,10 +16,8 @@ from flgpr.commands.shell import command
 def export(
     source: Annotated[
         PathLike,
-        Argument(
-            help="Result folder, truth or alarm table (CSV), run store (for cphd and sigmf), "
-            "or folder of a live run (for mcap)."
-        ),
+        "Result folder, truth or alarm table (CSV), run store (for cphd and sigmf), "
+        "or folder of a live run (for mcap).",
     ],
     output: Output,
     to: Annotated[str, Option(help=f"One of {', '.join(export_formats())}.")],
@@ -27,21 +25,19 @@ def export(
         PathLike | None,
         anchor_option("needed where the data have no georeference"),
     ] = None,
-    kind: Annotated[str, Option(help="What a table holds: alarms, truth or objects.")] = "truth",
+    kind: Annotated[str, "What a table holds: alarms, truth or objects."] = "truth",
     time: Annotated[
-        str | None, Option(help="Time of the observation (ISO 8601), kept with every point.")
+        str | None, "Time of the observation (ISO 8601), kept with every point."
     ] = None,
-    detection: Annotated[str, Option(help="Detection of a result: main or a variant.")] = "main",
+    detection: Annotated[str, "Detection of a result: main or a variant."] = "main",
     score: Annotated[
         PathLike | None,
-        Option(help="Folder of the result's score, whose truth goes on qgis's map."),
+        "Folder of the result's score, whose truth goes on qgis's map.",
     ] = None,
     columns: Annotated[
-        str | None, Option(help="Columns of a table that have other names: x=Rechts,y=Hoch.")
+        str | None, "Columns of a table that have other names: x=Rechts,y=Hoch."
     ] = None,
-    organisation: Annotated[
-        str | None, Option(help="With imsma: organisation that made the survey.")
-    ] = None,
+    organisation: Annotated[str | None, "With imsma: organisation that made the survey."] = None,
 ) -> Path:
     """Write alarms, truth, run-views or runs for other programs, on the Earth.
 

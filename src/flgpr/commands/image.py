@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
-from typer import Argument, Option
+from typer import Option
 
 from flgpr.commands.options import (
     REQUIRED,
@@ -20,14 +20,14 @@ from flgpr.commands.options import (
     one_or_more,
     output_option,
 )
-from flgpr.commands.shell import Arguments, command
+from flgpr.commands.shell import Arguments, command, given
 
 if TYPE_CHECKING:
-    from flgpr.commands.picture import Picture
+    from flgpr.commands.picture import Picture, Slices
     from flgpr.commands.radargram import Radargram
-    from flgpr.commands.slices import Slices
 
-_POINTS = 5  # brightest points that are listed
+_OF_BOTH = {"run", "output", "scans", "scan", "permittivity"}  # of runs and of recordings
+_DRAWN = "Recordings"  # the box of the options that a recording alone has
 
 
 def _lines(drawn: Picture | Slices | Radargram, call: Arguments) -> Iterator[str | Path]:
@@ -36,27 +36,20 @@ def _lines(drawn: Picture | Slices | Radargram, call: Arguments) -> Iterator[str
     yield from call.output
 
 
-def _as_json(drawn: Picture | Slices | Radargram, _: Arguments) -> dict[str, Any]:
-    """Return the figures of what was drawn."""
-    return drawn.summary()
-
-
 @command(
     lines=_lines,
-    as_json=_as_json,
+    as_json=True,
     panels={
         "Ground": ("x", "y", "z", "at_x", "at_y", "at_z", "depth", "spacing"),
         "Scans and band": ("scans", "scan", "polarization", "band", "window", "reach"),
         "Waves in the ground": ("permittivity", "ground"),
-        "Recordings": ("channel", "until", "dewow", "background", "gain", "step_window"),
+        _DRAWN: ("channel", "until", "dewow", "background", "gain", "step_window"),
     },
 )
 def image(
     run: Annotated[
         PathLike,
-        Argument(
-            help="Run store, or a recording (.dzt, .dt1, ...), whose traces are drawn as they are."
-        ),
+        "Run store, or a recording (.dzt, .dt1, ...), whose traces are drawn as they are.",
     ],
     output: Annotated[
         OneOrMorePaths,
@@ -64,60 +57,42 @@ def image(
         REQUIRED,
         ShellType(list[Path]),
     ] = (),
-    x: Annotated[Limits | None, Option(help="Limits, m, in the lane frame.")] = None,
-    y: Annotated[Limits | None, Option(help="Limits, m.")] = None,
-    z: Annotated[
-        Limits | None, Option(help="Limits, m; the ground is at 0, depths are negative.")
-    ] = None,
-    at_x: Annotated[float | None, Option(help="One x, for a section along y.")] = None,
-    at_y: Annotated[float | None, Option(help="One y, for a section along x.")] = None,
-    at_z: Annotated[float | None, Option(help="One z; 0 by default.")] = None,
+    x: Annotated[Limits | None, "Limits, m, in the lane frame."] = None,
+    y: Annotated[Limits | None, "Limits, m."] = None,
+    z: Annotated[Limits | None, "Limits, m; the ground is at 0, depths are negative."] = None,
+    at_x: Annotated[float | None, "One x, for a section along y."] = None,
+    at_y: Annotated[float | None, "One y, for a section along x."] = None,
+    at_z: Annotated[float | None, "One z; 0 by default."] = None,
     spacing: Annotated[
-        float | None, Option(help="Of pixels, m; a quarter of the wavelength by default.")
+        float | None, "Of pixels, m; a quarter of the wavelength by default."
     ] = None,
-    scans: Annotated[
-        tuple[int, int] | None, Option(help="First and last scan to sum; all by default.")
-    ] = None,
-    scan: Annotated[int | None, Option(help="A single scan.")] = None,
-    polarization: Annotated[
-        Sequence[str] | None, Option(help="May repeat; all by default.")
-    ] = None,
-    band: Annotated[Limits | None, Option(help="GHz; all tones by default.")] = None,
-    window: Annotated[str, Option(help="boxcar, hann, hamming or taylor.")] = "hann",
+    scans: Annotated[tuple[int, int] | None, "First and last scan to sum; all by default."] = None,
+    scan: Annotated[int | None, "A single scan."] = None,
+    polarization: Annotated[Sequence[str] | None, "May repeat; all by default."] = None,
+    band: Annotated[Limits | None, "GHz; all tones by default."] = None,
+    window: Annotated[str, "boxcar, hann, hamming or taylor."] = "hann",
     permittivity: Annotated[
-        float | None, Option(help="Permittivity along all paths: the ground's, for antennas on it.")
+        float | None, "Permittivity along all paths: the ground's, for antennas on it."
     ] = None,
-    ground: Annotated[
-        float | None, Option(help="Permittivity of ground below z = 0 that refracts.")
-    ] = None,
+    ground: Annotated[float | None, "Permittivity of ground below z = 0 that refracts."] = None,
     reach: Annotated[
         float | None,
-        Option(help="Largest distance of an antenna from the pixels it contributes to, m."),
+        "Largest distance of an antenna from the pixels it contributes to, m.",
     ] = None,
     anchor: Annotated[PathLike | None, anchor_option("for .tif")] = None,
-    points: Annotated[int, Option(help="Number of brightest points.", min=1, max=100)] = _POINTS,
+    points: Annotated[int, Option(help="Number of brightest points.", min=1, max=100)] = 5,
     depth: Annotated[
         Sequence[float] | None,
-        Option(help="Depth slices in place of z: a depth below z = 0, m; may repeat."),
+        "Depth slices in place of z: a depth below z = 0, m; may repeat.",
     ] = None,
     channel: Annotated[int, Option(help="Recording: channel, from 0.", min=0)] = 0,
-    until: Annotated[
-        float | None, Option(help="Recording: last two-way time, ns; all by default.")
-    ] = None,
-    dewow: Annotated[
-        bool, Option("--dewow", help="Recording: subtract the running mean from each trace.")
-    ] = False,
-    background: Annotated[
-        bool, Option("--background", help="Recording: subtract the mean of all traces.")
-    ] = False,
-    gain: Annotated[
-        bool, Option("--gain", help="Recording: divide by the line's mean level at each time.")
-    ] = False,
+    until: Annotated[float | None, "Recording: last two-way time, ns; all by default."] = None,
+    dewow: Annotated[bool, "Recording: subtract the running mean from each trace."] = False,
+    background: Annotated[bool, "Recording: subtract the mean of all traces."] = False,
+    gain: Annotated[bool, "Recording: divide by the line's mean level at each time."] = False,
     step_window: Annotated[
         float | None,
-        Option(
-            help="Recording: window of dewow and gain, ns; two periods of the antenna by default."
-        ),
+        "Recording: window of dewow and gain, ns; two periods of the antenna by default.",
     ] = None,
     *,
     track: Progress = None,
@@ -137,34 +112,19 @@ def image(
     FileExistsError
         If another file is at an output.
     """
+    asked = locals()
     from flgpr.commands.radargram import RadargramView, make_radargram
     from flgpr.formats.reader import is_recording
 
     outputs = one_or_more(output)
     limits = scans if scan is None else (scan, scan)
+    of_recordings = given(image, asked, _DRAWN)
+    of_runs = [name for name in given(image, asked) if name not in (*of_recordings, *_OF_BOTH)]
     if is_recording(run):
         # A recording has no poses and no aperture: these options would have no effect.
-        for_runs = (
-            ("x", x),
-            ("y", y),
-            ("z", z),
-            ("at-x", at_x),
-            ("at-y", at_y),
-            ("at-z", at_z),
-            ("spacing", spacing),
-            ("polarization", polarization),
-            ("band", band),
-            ("ground", ground),
-            ("reach", reach),
-            ("anchor", anchor),
-            ("depth", depth or None),
-            ("window", None if window == "hann" else window),
-            ("points", None if points == _POINTS else points),
-        )
-        refused = [name for name, value in for_runs if value is not None]
-        if refused:
+        if of_runs:
             raise ValueError(
-                f"{', '.join(refused)}: a recording is drawn as it is; "
+                f"{_typed(of_runs)}: a recording is drawn as it is; "
                 "to focus it, import it first: flgpr import gpr"
             )
         radargram_view = RadargramView(
@@ -180,18 +140,15 @@ def image(
         return make_radargram(run, radargram_view, outputs)
 
     _refuse_other_files(Path(run))
-    steps = (("dewow", dewow), ("background", background), ("gain", gain))
-    refused = [name for name, is_on in steps if is_on]
-    if refused or channel or until is not None or step_window is not None:
-        names = ", ".join(refused) or "channel, until or step-window"
+    if of_recordings:
         raise ValueError(
-            f"{names}: these are for recordings; of a run, `flgpr prepare` takes the steps"
+            f"{_typed(of_recordings)}: these are for recordings; of a run, `flgpr prepare` takes "
+            "the steps"
         )
     if scan is not None and scans is not None:
         raise ValueError("give scan or scans, got both")
 
-    from flgpr.commands.picture import make_picture
-    from flgpr.commands.slices import make_slices
+    from flgpr.commands.picture import make_picture, make_slices
     from flgpr.imaging import View
     from flgpr.progress import silent
 
@@ -210,10 +167,15 @@ def image(
     )
 
     if depth:
-        if anchor is not None or points != _POINTS:
+        if anchor is not None or points != 5:
             raise ValueError("anchor and points are of one picture, not of depth slices")
         return make_slices(run, depth, view, outputs, track or silent)
     return make_picture(run, view, outputs, anchor, points, track or silent)
+
+
+def _typed(names: Sequence[str]) -> str:
+    """Return names of options as they are typed."""
+    return ", ".join(names).replace("_", "-")
 
 
 def _seconds(nanoseconds: float | None) -> float | None:

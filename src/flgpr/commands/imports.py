@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from typer import Argument, Option
+from typer import Option
 
 from flgpr.commands.options import (
     AnchorOption,
@@ -40,7 +40,7 @@ def written_lines(written: list[Path], _: Arguments) -> Iterator[Path]:
 
 @command(lines=written_lines)
 def import_fullwave(
-    archive: Annotated[PathLike, Argument(help="NumPy archive (.npz) of a full-wave lane.")],
+    archive: Annotated[PathLike, "NumPy archive (.npz) of a full-wave lane."],
     output: Output,
 ) -> list[Path]:
     """Import a full-wave lane; its truth and objects, if known, are written beside the run.
@@ -89,37 +89,29 @@ def _mapped_lines(imported: Imported, call: Arguments) -> Iterator[str | Path]:
     resumes=True,
 )
 def import_mapped(
-    mapping: Annotated[
-        PathLike, Argument(help="Mapping (TOML): which variable is what, in which unit.")
-    ],
+    mapping: Annotated[PathLike, "Mapping (TOML): which variable is what, in which unit."],
     output: Output,
-    data: Annotated[
-        Paths | None, Option(help="Data file in place of the mapping's own; may repeat.")
-    ] = None,
-    survey: Annotated[
-        PathLike | None, Option(help="CSV of surveyed poses, a line per scan.")
-    ] = None,
-    track: Annotated[
-        PathLike | None, Option(help="CSV track, take of Motive, or NMEA log.")
-    ] = None,
+    data: Annotated[Paths | None, "Data file in place of the mapping's own; may repeat."] = None,
+    survey: Annotated[PathLike | None, "CSV of surveyed poses, a line per scan."] = None,
+    track: Annotated[PathLike | None, "CSV track, take of Motive, or NMEA log."] = None,
     anchor: AnchorOption = None,
     anchor_from_track: FromTrack = False,
-    clock_offset: Annotated[float, Option(help="The track's clock less the radar's, s.")] = 0.0,
-    lever_arm: Annotated[
-        Point, Option(help="Positioning antenna in the vehicle frame, m: x y z.")
-    ] = (0.0, 0.0, 0.0),
-    latency: Annotated[float, Option(help="Delay of the track's time stamps, s.")] = 0.0,
-    max_memory: Annotated[str | int, Option(help="Largest array that is read.")] = "2GB",
-    body: Annotated[
-        str | None, Option(help="Rigid body, if the track is a take of OptiTrack Motive.")
-    ] = None,
+    clock_offset: Annotated[float, "The track's clock less the radar's, s."] = 0.0,
+    lever_arm: Annotated[Point, "Positioning antenna in the vehicle frame, m: x y z."] = (
+        0.0,
+        0.0,
+        0.0,
+    ),
+    latency: Annotated[float, "Delay of the track's time stamps, s."] = 0.0,
+    max_memory: Annotated[str | int, "Largest array that is read."] = "2GB",
+    body: Annotated[str | None, "Rigid body, if the track is a take of OptiTrack Motive."] = None,
     axes: Annotated[
-        str | None, Option(help="Motive's axes that are x, y, z of the lane, such as x,-z,y.")
+        str | None, "Motive's axes that are x, y, z of the lane, such as x,-z,y."
     ] = None,
-    max_gap: Annotated[float, Option(help="Longest gap in the fixes of a track, s.")] = 1.0,
+    max_gap: Annotated[float, "Longest gap in the fixes of a track, s."] = 1.0,
     above_ground: Annotated[
         float | None,
-        Option(help="Height of an NMEA log's antenna above the ground, m, in place of the log's."),
+        "Height of an NMEA log's antenna above the ground, m, in place of the log's.",
     ] = None,
 ) -> Imported:
     """Import HDF5, MATLAB, NumPy, MCAP, CSV, Touchstone or SigMF files by a mapping.
@@ -195,11 +187,11 @@ def _table_lines(rows: pd.DataFrame, call: Arguments) -> Iterator[str | Path]:
 
 @command(lines=_table_lines)
 def import_table(
-    file: Annotated[PathLike, Argument(help="CSV of alarms, truth or objects, in any dialect.")],
+    file: Annotated[PathLike, "CSV of alarms, truth or objects, in any dialect."],
     output: Output,
-    kind: Annotated[str, Option(help="What it holds: alarms, truth or objects.")] = "alarms",
+    kind: Annotated[str, "What it holds: alarms, truth or objects."] = "alarms",
     columns: Annotated[
-        str | None, Option(help="Columns that have other names: x=Rechts,y=Hoch,confidence=Wert.")
+        str | None, "Columns that have other names: x=Rechts,y=Hoch,confidence=Wert."
     ] = None,
     anchor: Annotated[
         PathLike | None,

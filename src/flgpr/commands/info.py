@@ -6,8 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
-from typer import Argument, Option
-
 from flgpr.commands.info_text import info_lines, model_lines
 from flgpr.commands.options import OneOrMorePaths, PathLike, ShellType, one_or_more
 from flgpr.commands.shell import Arguments, command
@@ -59,23 +57,17 @@ def _as_json(returned: Any, call: Arguments) -> Any:
 def info(
     paths: Annotated[
         OneOrMorePaths,
-        Argument(
-            help="Run store, file to import, model, or result with a model; "
-            "or all files of one measurement."
-        ),
+        "Run store, file to import, model, or result with a model; "
+        "or all files of one measurement.",
     ],
     recipe: Annotated[
         PathLike | None,
-        Option(help="Recipe whose images and lane decide what is covered; it is checked, too."),
+        "Recipe whose images and lane decide what is covered; it is checked, too.",
         ShellType(str),
     ] = None,
-    recipes: Annotated[bool, Option("--recipes", help="Check every packaged recipe.")] = False,
-    plot: Annotated[
-        PathLike | None, Option(help="PNG to write: plan, coverage and side view.")
-    ] = None,
-    mapping: Annotated[
-        PathLike | None, Option(help="TOML to write: the draft of the files' mapping.")
-    ] = None,
+    recipes: Annotated[bool, "Check every packaged recipe."] = False,
+    plot: Annotated[PathLike | None, "PNG to write: plan, coverage and side view."] = None,
+    mapping: Annotated[PathLike | None, "TOML to write: the draft of the files' mapping."] = None,
 ) -> Any:
     """Show what a run, a file or a model holds. A model is not loaded for it.
 

@@ -30,17 +30,15 @@ if TYPE_CHECKING:
     from flgpr.live.session import LiveRun
 
 Lane = Annotated[PathLike | None, lane_option()]
-Socket = Annotated[PathLike | None, Option(help="Unix socket that scans arrive on.")]
+Socket = Annotated[PathLike | None, "Unix socket that scans arrive on."]
 Tcp = Annotated[
     str | None,
-    Option(help="TCP port of this machine that scans arrive on, or ADDRESS:PORT."),
+    "TCP port of this machine that scans arrive on, or ADDRESS:PORT.",
 ]
 SecretFile = Annotated[
     PathLike | None,
-    Option(help="With --tcp: file of a secret that sender and receiver share."),
+    "With --tcp: file of a secret that sender and receiver share.",
 ]
-VIEW = Annotated[bool, Option("--view", help="Show it in the browser.")]
-NO_BROWSER = Annotated[bool, Option("--no-browser", help="With --view: print the address only.")]
 
 
 def _summary_lines(report: LiveReport, call: Arguments) -> Iterator[ErrorStreamText]:
@@ -117,7 +115,10 @@ def _print_event(line: str) -> None:
 @command(
     lines=_summary_lines,
     context=_page,
-    shell_options={"view": (VIEW, False), "no_browser": (NO_BROWSER, False)},
+    shell_flags={
+        "view": "Show it in the browser.",
+        "no_browser": "With --view: print the address only.",
+    },
     python_values=lambda call: {} if call.quiet else {"emit": _print_event},
     panels={
         "Where scans come from": ("socket", "tcp", "secret_file", "rate"),
@@ -134,9 +135,9 @@ def live(
         Argument(help="Folder that the radar writes scans into, or a recording (.mcap) to play."),
     ] = None,
     recipe: Annotated[
-        str | None, Option(help="Packaged recipe or TOML file; else one is made for the run.")
+        str | None, "Packaged recipe or TOML file; else one is made for the run."
     ] = None,
-    model: Annotated[PathLike | None, Option(help="Trained classifier.")] = None,
+    model: Annotated[PathLike | None, "Trained classifier."] = None,
     output: Annotated[
         PathLike, output_option("folder of events, snapshot and alarms")
     ] = "live-result",
@@ -147,44 +148,42 @@ def live(
     anchor: AnchorOption = None,
     speed: Annotated[
         float | None,
-        Option(help="Speed of the vehicle, km/h: alarms then state whether it can stop."),
+        "Speed of the vehicle, km/h: alarms then state whether it can stop.",
     ] = None,
     reaction: Annotated[
-        float | None, Option(help="Time until the brakes hold, s; default the recipe's.")
+        float | None, "Time until the brakes hold, s; default the recipe's."
     ] = None,
     deceleration: Annotated[
         float | None,
-        Option(help="Deceleration of the braking vehicle, m/s²; default the recipe's."),
+        "Deceleration of the braking vehicle, m/s²; default the recipe's.",
     ] = None,
     front: Annotated[
         float | None,
-        Option(help="Vehicle's foremost point ahead of the array, m; default the recipe's."),
+        "Vehicle's foremost point ahead of the array, m; default the recipe's.",
     ] = None,
-    looks: Annotated[int, Option(help="Scans that must have seen a point before an alarm.")] = 3,
+    looks: Annotated[int, "Scans that must have seen a point before an alarm."] = 3,
     warm_up: Annotated[
         int,
         Option(min=3, help="The first scan to be cleaned; earlier ones only train the background."),
     ] = 5,
     span: Annotated[
-        int | None, Option(help="Scans that the background is estimated from; all by default.")
+        int | None, "Scans that the background is estimated from; all by default."
     ] = None,
-    snapshot: Annotated[int, Option(help="Scans between snapshots; 0 writes only the last.")] = 20,
-    idle: Annotated[float | None, Option(help="End after this time without a scan, s.")] = None,
+    snapshot: Annotated[int, "Scans between snapshots; 0 writes only the last."] = 20,
+    idle: Annotated[float | None, "End after this time without a scan, s."] = None,
     threshold: Annotated[
         float | None,
-        Option(help="Confidence from which an alarm counts; default the recipe's, else all."),
+        "Confidence from which an alarm counts; default the recipe's, else all.",
     ] = None,
     rate: Annotated[
         float | None,
-        Option(help="Recording: scans per second, 0 as fast as it can; default as recorded."),
+        "Recording: scans per second, 0 as fast as it can; default as recorded.",
     ] = None,
     worth: Annotated[
         float,
-        Option(help="Probability of another decision from which an alarm advises one more look."),
+        "Probability of another decision from which an alarm advises one more look.",
     ] = 0.1,
-    mcap: Annotated[
-        bool, Option("--mcap", help="At the end write live.mcap, which Foxglove plays.")
-    ] = False,
+    mcap: Annotated[bool, "At the end write live.mcap, which Foxglove plays."] = False,
     fresh: Annotated[bool, Option("--overwrite", "--fresh", help=OVERWRITE_HELP)] = False,
     *,
     emit: Annotated[
@@ -262,20 +261,18 @@ def live(
 
 @command(lines=lambda count, _: [f"played {count} scans"])
 def feed(
-    run: Annotated[PathLike, Argument(help="Run store.")],
+    run: Annotated[PathLike, "Run store."],
     incoming: Annotated[PathLike | None, Argument(help="Folder to write scans into.")] = None,
-    rate: Annotated[float, Option(help="Scans per second; 0 plays as fast as it can.")] = 4.2,
+    rate: Annotated[float, "Scans per second; 0 plays as fast as it can."] = 4.2,
     socket: Socket = None,
     tcp: Tcp = None,
     secret_file: SecretFile = None,
-    first: Annotated[int, Option(help="First scan.")] = 0,
-    count: Annotated[int | None, Option(help="Number of scans; default all.")] = None,
-    lead: Annotated[
-        float, Option(help="Time between the run's description and its first scan, s.")
-    ] = 2.0,
+    first: Annotated[int, "First scan."] = 0,
+    count: Annotated[int | None, "Number of scans; default all."] = None,
+    lead: Annotated[float, "Time between the run's description and its first scan, s."] = 2.0,
     fault: Annotated[
         Sequence[str] | None,
-        Option(help="Rehearse a fault: lost, late, twice, nan or jump, as lost:40:13; may repeat."),
+        "Rehearse a fault: lost, late, twice, nan or jump, as lost:40:13; may repeat.",
     ] = None,
 ) -> int:
     """Play a stored run as the radar would write it.

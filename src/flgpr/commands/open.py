@@ -9,8 +9,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from typer import Argument
-
 from flgpr.commands.options import OneOrMorePaths, PathLike, one_or_more, output_option
 from flgpr.commands.shell import Arguments, command
 
@@ -50,9 +48,7 @@ def _lines(opened: Opened, _: Arguments) -> Iterator[str | Path]:
 
 @command(lines=_lines, as_json=lambda opened, _: opened.as_json(), quiet=False)
 def open_files(
-    paths: Annotated[
-        OneOrMorePaths, Argument(help="File of any format, or all files of one measurement.")
-    ],
+    paths: Annotated[OneOrMorePaths, "File of any format, or all files of one measurement."],
     output: Annotated[
         PathLike | None, output_option("mapping, TOML; the picture lies beside it as .png")
     ] = None,

@@ -6,8 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Option
-
 from flgpr.commands.options import Limits, Output, PathLike, RunArgument, ShellType, size_in_bytes
 from flgpr.commands.shell import Arguments, command
 
@@ -24,36 +22,30 @@ def _lines(_: xr.Dataset, call: Arguments) -> Iterator[Path]:
 def prepare(
     run: RunArgument,
     output: Output,
-    subtract: Annotated[
-        PathLike | None, Option(help="Run to subtract, such as one without the target.")
-    ] = None,
-    time_zero: Annotated[
-        float | None, Option(help="Shift of time zero to a later time, ns.")
-    ] = None,
+    subtract: Annotated[PathLike | None, "Run to subtract, such as one without the target."] = None,
+    time_zero: Annotated[float | None, "Shift of time zero to a later time, ns."] = None,
     dewow: Annotated[
-        float | None, Option(help="Subtract a running mean over this time, ns, from each trace.")
+        float | None, "Subtract a running mean over this time, ns, from each trace."
     ] = None,
     gate: Annotated[
         Limits | None,
-        Option(help="Set to zero what arrives before and after, ns: the direct wave."),
+        "Set to zero what arrives before and after, ns: the direct wave.",
     ] = None,
-    background: Annotated[
-        bool, Option("--background", help="Subtract what is the same in all scans.")
-    ] = False,
+    background: Annotated[bool, "Subtract what is the same in all scans."] = False,
     background_scans: Annotated[
-        int | None, Option(help="The same, over this number of scans around each.")
+        int | None, "The same, over this number of scans around each."
     ] = None,
-    band: Annotated[Limits | None, Option(help="Band to keep, GHz.")] = None,
-    power: Annotated[float | None, Option(help="Amplify by this power of time.")] = None,
+    band: Annotated[Limits | None, "Band to keep, GHz."] = None,
+    power: Annotated[float | None, "Amplify by this power of time."] = None,
     agc: Annotated[
-        float | None, Option(help="Bring all times to one level, over a window of this time, ns.")
+        float | None, "Bring all times to one level, over a window of this time, ns."
     ] = None,
     steps: Annotated[
         PathLike | Sequence[Mapping[str, Any]] | None,
-        Option(help="TOML of steps in any order, in place of all these."),
+        "TOML of steps in any order, in place of all these.",
         ShellType(Path),
     ] = None,
-    max_memory: Annotated[str | int, Option(help="Largest memory that is used.")] = "2GB",
+    max_memory: Annotated[str | int, "Largest memory that is used."] = "2GB",
 ) -> xr.Dataset:
     """Prepare raw data, in the order of the options. The new run's history holds the steps.
 

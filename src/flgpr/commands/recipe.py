@@ -6,8 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Argument, Option
-
 from flgpr.commands.options import PathLike, RunArgument, ShellType, output_option
 from flgpr.commands.shell import Arguments, RawText, command
 
@@ -15,7 +13,7 @@ if TYPE_CHECKING:
     from flgpr.recipe.schema import Recipe
     from flgpr.recipe.suggest import Suggestions
 
-RecipeArgument = Annotated[PathLike, Argument(help="Packaged recipe or TOML file."), ShellType(str)]
+RecipeArgument = Annotated[PathLike, "Packaged recipe or TOML file.", ShellType(str)]
 
 
 @command(
@@ -64,7 +62,7 @@ def recipe_for(
     output: Annotated[PathLike | None, output_option("TOML file; else it is printed")] = None,
     like: Annotated[
         PathLike | None,
-        Option(help="Recipe whose method it has, such as fused; by default parts of wang2007."),
+        "Recipe whose method it has, such as fused; by default parts of wang2007.",
         ShellType(str),
     ] = None,
 ) -> str:

@@ -6,8 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Argument, Option
-
 from flgpr.commands.compared_recipes import detect_compared
 from flgpr.commands.options import PathLike, Progress
 from flgpr.commands.shell import Arguments, command
@@ -36,8 +34,8 @@ def _lines(outcome: dict[str, Any], _: Arguments) -> Iterator[str]:
     always_printed=True,
 )
 def replay(
-    result: Annotated[PathLike, Argument(help="Result folder.")],
-    run: Annotated[PathLike | None, Option(help="Run store, if it has moved since.")] = None,
+    result: Annotated[PathLike, "Result folder."],
+    run: Annotated[PathLike | None, "Run store, if it has moved since."] = None,
     *,
     track: Progress = None,
     tolerance: Annotated[

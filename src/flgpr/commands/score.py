@@ -7,8 +7,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
-from typer import Argument, Option
-
 from flgpr.commands.agree import agree, agreement_json, agreement_lines
 from flgpr.commands.options import (
     Overwrite,
@@ -89,11 +87,11 @@ def _passphrase(call: Arguments) -> dict[str, Any]:
 def score(
     alarms: Annotated[
         ResultsLike,
-        Argument(help="Result folder, or an alarm list (CSV) of any detector."),
+        "Result folder, or an alarm list (CSV) of any detector.",
     ],
     truth: Truth = None,
     objects: Annotated[
-        PathLike | None, Option(help="CSV of rocks, posts and the like, for a result's pictures.")
+        PathLike | None, "CSV of rocks, posts and the like, for a result's pictures."
     ] = None,
     lane: Annotated[
         PathLike | None,
@@ -105,21 +103,16 @@ def score(
     ] = None,
     halo: Annotated[
         float | None,
-        Option(
-            help="Halo radius in metres, for alarm lists (1 m by default); a result has its "
-            "recipe's."
-        ),
+        "Halo radius in metres, for alarm lists (1 m by default); a result has its recipe's.",
     ] = None,
     far: Far = None,
-    seal: Annotated[bool, Option("--seal", help="The same as flgpr seal.")] = False,
-    show: Annotated[
-        str | None, Option(help="With --seal: see flgpr seal."), ShellType(Show)
-    ] = None,
+    seal: Annotated[bool, "The same as flgpr seal."] = False,
+    show: Annotated[str | None, "With --seal: see flgpr seal.", ShellType(Show)] = None,
     sealed: Sealed = None,
     recipe: Recipes = None,
     book: Book = None,
     witness: Witness = None,
-    agreement: Annotated[bool, Option("--agreement", help="The same as flgpr agree.")] = False,
+    agreement: Annotated[bool, "The same as flgpr agree."] = False,
     columns: Columns = None,
     truth_columns: TruthColumns = None,
     anchor: ListAnchor = None,

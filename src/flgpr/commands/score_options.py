@@ -9,8 +9,6 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
-from typer import Option
-
 from flgpr.commands.options import (
     OneOrMorePaths,
     PathLike,
@@ -19,56 +17,47 @@ from flgpr.commands.options import (
     anchor_option,
 )
 
-Truth = Annotated[TruthLike | None, Option(help="CSV of the targets.")]
+Truth = Annotated[TruthLike | None, "CSV of the targets."]
 Far = Annotated[
     float | None,
-    Option(help="Operating point at which targets count as found, false alarms per m² (0.05)."),
+    "Operating point at which targets count as found, false alarms per m² (0.05).",
 ]
 Sealed = Annotated[
     PathLike | None,
-    Option(help="Sealed truth to score against, by the rules it was sealed with."),
+    "Sealed truth to score against, by the rules it was sealed with.",
 ]
 Recipes = Annotated[
     OneOrMorePaths | None,
-    Option(help="What fixes the detector, which must stand in the register; once per alarm list."),
+    "What fixes the detector, which must stand in the register; once per alarm list.",
     ShellType(list[str]),
 ]
 Book = Annotated[
     PathLike | None,
-    Option(help="Register of detectors and openings; a planned truth names its own."),
+    "Register of detectors and openings; a planned truth names its own.",
 ]
 Witness = Annotated[
     PathLike | None,
-    Option(
-        help="A file elsewhere that must hold the lines of the register (--book), or else of the "
-        "log of looks (--sealed); new lines are added to it."
-    ),
+    "A file elsewhere that must hold the lines of the register (--book), or else of the "
+    "log of looks (--sealed); new lines are added to it.",
 ]
 Columns = Annotated[
     str | None,
-    Option(
-        help="Columns of the alarm lists that have other names: x=Rechts,y=Hoch,confidence=Score."
-    ),
+    "Columns of the alarm lists that have other names: x=Rechts,y=Hoch,confidence=Score.",
 ]
-TruthColumns = Annotated[str | None, Option(help="The same for the truth.")]
+TruthColumns = Annotated[str | None, "The same for the truth."]
 ListAnchor = Annotated[
     PathLike | None, anchor_option("for lists and truth by longitude and latitude")
 ]
 Vendor = Annotated[
     str | Sequence[str] | None,
-    Option(
-        help="Whose alarms they are, for the head of every page; once per alarm list. By default "
-        "what a comment at the head of the list says: # vendor: NAME."
-    ),
+    "Whose alarms they are, for the head of every page; once per alarm list. By default "
+    "what a comment at the head of the list says: # vendor: NAME.",
     ShellType(list[str]),
 ]
 Unranked = Annotated[
     bool,
-    Option(
-        "--unranked",
-        help="Take alarm lists without confidences: all alarms of such a list rank equal, and it "
-        "has one operating point.",
-    ),
+    "Take alarm lists without confidences: all alarms of such a list rank equal, and it "
+    "has one operating point.",
 ]
 Passphrase = Annotated[Any, "Of a sealed truth: a text, or a function that asks for it."]
 PANELS = {

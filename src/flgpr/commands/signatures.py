@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ForwardRef, Literal, Union, get_args, get_origin
 
+from typer import Argument, Option
 from typer.models import ArgumentInfo, OptionInfo
 
 from flgpr.commands.options import ShellDefault, ShellType
@@ -46,15 +47,18 @@ def parameters_of(function: Callable[..., Any]) -> list[Parameter]:
 
 
 def _parameter(declared: inspect.Parameter, annotation: Any) -> Parameter:
-    """Return a parameter with what the marks of its annotation state."""
+    """Return a parameter with what the marks of its annotation state.
+
+    A text alone is the help of an argument, if the parameter has no default, and else of an option;
+    parameters by keyword alone are those of Python.
+    """
     is_annotated = hasattr(annotation, "__metadata__")
     python_type, *marks = get_args(annotation) if is_annotated else [annotation]
-    default = declared.default
     shell = None
     sentence = ""
     parsed_type = shell_type(python_type)
     # An empty sequence is what Typer calls None.
-    shell_default = None if default == () else default
+    shell_default = None if declared.default == () else declared.default
     for mark in marks:
         if isinstance(mark, ArgumentInfo | OptionInfo):
             shell = mark
@@ -66,16 +70,27 @@ def _parameter(declared: inspect.Parameter, annotation: Any) -> Parameter:
             parsed_type = mark.type | None if is_optional else mark.type
         else:
             sentence = mark
+    if sentence and shell is None and declared.kind is not declared.KEYWORD_ONLY:
+        if declared.default is _EMPTY:
+            shell = Argument(help=sentence)
+        else:
+            is_flag = python_type is bool and shell_default is False
+            shell = flag(declared.name, sentence) if is_flag else Option(help=sentence)
     return Parameter(
         declared.name,
         python_type,
-        default,
+        declared.default,
         declared.kind,
         shell,
         sentence,
         parsed_type,
         shell_default,
     )
+
+
+def flag(name: str, text: str) -> Any:
+    """Return an option without a value, and without one that takes it back."""
+    return Option("--" + name.replace("_", "-"), help=text)
 
 
 def shell_type(annotation: Any) -> Any:

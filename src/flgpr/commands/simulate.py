@@ -45,7 +45,7 @@ def _lines(written: SimulationOutput, _: Arguments) -> Iterator[str]:
     resumes=True,
 )
 def simulate_lane(
-    scene: Annotated[PathLike, Argument(help="Scene (TOML), or the word signature.")],
+    scene: Annotated[PathLike, "Scene (TOML), or the word signature."],
     body: Annotated[
         str | None,
         Argument(help="After signature: body (TOML) whose table to make, or none to list them."),
@@ -55,40 +55,28 @@ def simulate_lane(
         output_option("run store, folder of decks or table"),
     ] = None,
     sensor: Annotated[
-        str, Option(help="Sensor preset, TOML file, or run store whose array it is.")
+        str, "Sensor preset, TOML file, or run store whose array it is."
     ] = "sri-array",
-    seed: Annotated[int, Option(help="The same seed gives the same lane, bit for bit.")] = 1,
+    seed: Annotated[int, "The same seed gives the same lane, bit for bit."] = 1,
     worlds: Annotated[
         PathLike | None,
-        Option(
-            help="What of scene and sensor the seed draws anew, for training: any-road, or a TOML "
-            "file."
-        ),
+        "What of scene and sensor the seed draws anew, for training: any-road, or a TOML file.",
     ] = None,
     errors: Annotated[
         bool, Option("--errors/--no-errors", help="Whether the sensor's errors are added.")
     ] = True,
-    preview: Annotated[PathLike | None, Option(help="PNG of the scene to write.")] = None,
-    truth: Annotated[
-        PathLike | None, Option(help="CSV of the truth; by default NAME-truth.csv.")
-    ] = None,
-    restart: Annotated[
-        bool, Option("--restart", help="Begin again where an interrupted run left scans.")
-    ] = False,
+    preview: Annotated[PathLike | None, "PNG of the scene to write."] = None,
+    truth: Annotated[PathLike | None, "CSV of the truth; by default NAME-truth.csv."] = None,
+    restart: Annotated[bool, "Begin again where an interrupted run left scans."] = False,
     force: Annotated[
         bool,
-        Option(
-            "--force",
-            help="Simulate or draw even where the estimate of memory or time is very large.",
-        ),
+        "Simulate or draw even where the estimate of memory or time is very large.",
     ] = False,
-    engine: Annotated[
-        str, Option(help="flgpr simulates; gprmax writes a full-wave solver's input files.")
-    ] = ("flgpr"),
-    cells: Annotated[
-        float, Option(help="gprmax: cells per wavelength at the highest tone in the soil.")
-    ] = 10.0,
-    max_cells: Annotated[float, Option(help="gprmax: largest model that is written.")] = 3e8,
+    engine: Annotated[str, "flgpr simulates; gprmax writes a full-wave solver's input files."] = (
+        "flgpr"
+    ),
+    cells: Annotated[float, "gprmax: cells per wavelength at the highest tone in the soil."] = 10.0,
+    max_cells: Annotated[float, "gprmax: largest model that is written."] = 3e8,
     workers: Annotated[int, Option(min=1, help="signature: processes.")] = 1,
     *,
     track: Progress = None,

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Argument, Option
+from typer import Option
 
 from flgpr.commands.options import (
     REQUIRED,
@@ -47,12 +47,12 @@ def _train_lines(model: Model, call: Arguments) -> Iterator[Any]:  # noqa: ARG00
     compiles_kernels=True,
 )
 def train(
-    runs: Annotated[Paths, Argument(help="Run stores, one lane each.")],
+    runs: Annotated[Paths, "Run stores, one lane each."],
     truths: Annotated[
         Paths, Option("--truth", help="CSV of the targets of each run, in the same order.")
     ],
     recipe: Annotated[
-        PathLike, Option(help="Recipe with features, or with stages that learn."), ShellType(str)
+        PathLike, "Recipe with features, or with stages that learn.", ShellType(str)
     ] = "wang2007",
     output: Annotated[PathLike | None, output_option("folder of the model"), REQUIRED] = None,
     features: Annotated[
@@ -64,7 +64,7 @@ def train(
     workers: Annotated[int | None, Option(help="Processes; the model is the same.", min=1)] = None,
     scheduler: Scheduler = None,
     max_memory: Annotated[
-        str | int, Option(help="Memory of each process; a lane that takes more is refused.")
+        str | int, "Memory of each process; a lane that takes more is refused."
     ] = "2GB",
     overwrite: Overwrite = True,
     check: Annotated[

@@ -29,19 +29,13 @@ def view(
         ),
     ] = None,
     port: Annotated[int, Option(help="Port; 0 takes a free one.", min=0, max=65535)] = 0,
-    host: Annotated[str, Option(help="Address to listen on.")] = "127.0.0.1",
-    allow_remote: Annotated[
-        bool, Option("--allow-remote", help="Let other machines see it.")
-    ] = False,
-    no_browser: Annotated[bool, Option("--no-browser", help="Print the address only.")] = False,
-    live: Annotated[
-        PathLike | None, Option(help="JSON lines of a live detection to follow.")
-    ] = None,
+    host: Annotated[str, "Address to listen on."] = "127.0.0.1",
+    allow_remote: Annotated[bool, "Let other machines see it."] = False,
+    no_browser: Annotated[bool, "Print the address only."] = False,
+    live: Annotated[PathLike | None, "JSON lines of a live detection to follow."] = None,
     answers: Annotated[
         bool,
-        Option(
-            "--answers", help="With --live: keep what the driver answers to alarms in its folder."
-        ),
+        "With --live: keep what the driver answers to alarms in its folder.",
     ] = False,
     anchor: AnchorOption = None,
     backdrop: Annotated[
@@ -50,7 +44,7 @@ def view(
     ] = None,
     verdicts: Annotated[
         PathLike | None,
-        Option(help="JSON beside the result that keeps an analyst's verdicts and notes."),
+        "JSON beside the result that keeps an analyst's verdicts and notes.",
     ] = None,
 ) -> None:
     """Show results in the browser, on this machine.

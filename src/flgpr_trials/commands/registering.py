@@ -7,14 +7,13 @@ there. See ``flgpr_trials/ledger.py`` for the file.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import pandas as pd
 
 from flgpr.commands.entrants import Entrant
-from flgpr.commands.score_request import ScoreRequest, Trial
+from flgpr.commands.score_request import ScoreRequest
 from flgpr.commands.trial_card import notes_of_lists
 from flgpr.commands.trials import REGISTER_COLUMN
 from flgpr.door import MOST_JSON, Folder, read_named
@@ -35,12 +34,12 @@ from flgpr_trials.ledger import (
     enter_opening,
     enter_unopened,
     read_checked_register,
-    register_paths,
     require_registered,
     require_truth,
 )
 
 PathLike = str | Path
+R = TypeVar("R", bound=PathLike | None)
 
 
 class RecipeHashes(NamedTuple):
@@ -90,7 +89,7 @@ def enter_recipe(
     FileNotFoundError
         If the register, the recipe or the model is missing.
     """
-    path = existing(register_paths(register)[0], "register")
+    path = existing(Path(register), "register")
     entry = {"event": "recipe", "recipe": recipe_hash(recipe).of_file}
     if model is not None:
         # The model is read, and so checked, before its hash is entered for good.
@@ -110,16 +109,16 @@ def enter_recipe(
     return enter_unopened(register, entry, too_late)
 
 
-def with_witness(register: PathLike, witness: PathLike | None) -> RegisterLike:
-    """Return a register with its witness, if it has one."""
-    if witness is None:
+def with_witness(register: R, witness: PathLike | None) -> R | WitnessedRegister:
+    """Return a register with its witness, if it has one; None where the user names no register."""
+    if register is None or witness is None:
         return register
     return WitnessedRegister(Path(register), Path(witness))
 
 
 def read_existing_register(register: RegisterLike) -> list[dict[str, Any]]:
     """Read a register, checked line by line and against its witness; it must exist."""
-    existing(register_paths(register)[0], "register")
+    existing(Path(register), "register")
     return read_checked_register(register)
 
 
@@ -147,8 +146,12 @@ def heads_of_reports(
     ValueError
         If a report knows a line that the register lacks.
     """
-    path, _ = register_paths(register)
-    kinds = _kinds_of(lines)
+    path = Path(register)
+    # The log of a sealed truth holds looks alone. Without lines it may be either.
+    is_log = all("sealed" in line and line.get("event") in ("score", "open") for line in lines)
+    kinds = ["log"] if is_log else ["register"]
+    if not lines:
+        kinds = ["register", "log"]
     heads = {}
     for report in reports:
         for head in _heads_in(report, kinds):
@@ -157,28 +160,29 @@ def heads_of_reports(
     return heads
 
 
-def _kinds_of(lines: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return the names under which a report refers to these lines.
-
-    The log of a sealed truth holds looks alone. Without lines both are possible: all of them may be
-    missing.
-    """
-    if not lines:
-        return ["register", "log"]
-    is_log = all("sealed" in line and line.get("event") in ("score", "open") for line in lines)
-    return ["log"] if is_log else ["register"]
-
-
 def _heads_in(report: PathLike, kinds: Sequence[str]) -> list[dict[str, Any]]:
     """List the heads of a register or log in a report, one for every alarm list.
 
     A report that states none is a ValueError.
     """
+    path = Path(report)
     try:
-        notes = notes_of_lists(parse_json(_report_bytes(Path(report)))["notes"])
-        stated = [of_list.get(kind) for of_list in notes for kind in kinds]
+        if path.is_dir():
+            files = Folder(path)
+            name = "roc.json" if files.has("roc.json") else "comparison.json"
+            data = files.read(name)
+        else:
+            data = read_named(path, MOST_JSON)
+        stated = [
+            of_list.get(kind)
+            for of_list in notes_of_lists(parse_json(data)["notes"])
+            for kind in kinds
+        ]
         heads = [head for head in stated if isinstance(head, dict)]
-        is_valid = bool(heads) and all(_is_head(head) for head in heads)
+        is_valid = bool(heads)
+        for head in heads:
+            is_count = type(head["lines"]) is int and head["lines"] >= 0
+            is_valid &= is_count and isinstance(head["head"], str)
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         is_valid = False
     if not is_valid:
@@ -187,23 +191,6 @@ def _heads_in(report: PathLike, kinds: Sequence[str]) -> list[dict[str, Any]]:
             f"{' or '.join(kinds)}, got {report}"
         )
     return heads
-
-
-def _is_head(head: Mapping[str, Any]) -> bool:
-    """Return whether a head has a count of lines and a hash."""
-    lines = head["lines"]
-    return type(lines) is int and lines >= 0 and isinstance(head["head"], str)
-
-
-def _report_bytes(path: Path) -> bytes:
-    """Read the JSON of a score, from a file or from a score's folder."""
-    if not path.is_dir():
-        return read_named(path, MOST_JSON)
-    files = Folder(path)
-    for name in ("roc.json", "comparison.json"):
-        if files.has(name):
-            return files.read(name)
-    return files.read("roc.json")
 
 
 def default_register(truth: PathLike, table: pd.DataFrame) -> Path | None:
@@ -224,7 +211,7 @@ def default_register(truth: PathLike, table: pd.DataFrame) -> Path | None:
     return path.with_name(names.pop()) if names else None
 
 
-def open_registered_truth(
+def open_truth(
     request: ScoreRequest,
     entrants: Sequence[Entrant],
     lanes: Mapping[str, Mapping[str, float]],
@@ -262,18 +249,19 @@ def open_registered_truth(
     targets = parse_table(data, "truth", request.truth, request.truth_reading)
     digest = content_hash(data)
     own_register = default_register(request.truth, targets)
-    register = register_of(request.trial) or own_register
+    register = with_witness(request.trial.book, request.trial.witness) or own_register
     if register is None and any(entrant.named_recipe for entrant in entrants):
         raise ValueError(
             f"`recipe` needs a register: {request.truth} names none, give it by `book`"
         )
 
-    entered = [registered_entrant(entrant, register) for entrant in entrants]
+    provenance = []
+    for entrant in entrants:
+        _, of_list = registered_entrant(entrant, register)
+        provenance.append(of_list | {"truth_sha256": digest})
     if register is not None:
-        path, _ = register_paths(register)
+        path = Path(register)
         require_truth(path, digest, lanes, rules, planned=own_register is not None)
-    provenance = [one.provenance() | {"truth_sha256": digest} for one in entered]
-    if register is not None:
         for of_list in provenance:
             opening = {
                 "recipe": of_list["recipe_sha256"],
@@ -284,30 +272,9 @@ def open_registered_truth(
     return targets, provenance
 
 
-@dataclass(frozen=True)
-class RegisteredEntrant:
-    """An alarm list, and the line of a register that holds its recipe; None without a register."""
-
-    entrant: Entrant
-    registration: Registration | None = None
-    line: dict[str, Any] | None = None
-
-    def provenance(self) -> dict[str, Any]:
-        """Return digests of list, recipe and model, with the time of the recipe's register line."""
-        digests = self.entrant.digests()
-        if self.registration is None or self.line is None:
-            return digests
-        digests["recipe_sha256"] = self.registration.recipe
-        digests["recipe_registered"] = self.line["time"]
-        digests["recipe_told_by"] = (
-            "its result folder" if self.entrant.of_result else "whoever gave the list"
-        )
-        if self.registration.model is not None:
-            digests["model_sha256"] = self.registration.model
-        return digests
-
-
-def registered_entrant(entrant: Entrant, register: RegisterLike | None) -> RegisteredEntrant:
+def registered_entrant(
+    entrant: Entrant, register: RegisterLike | None
+) -> tuple[Registration | None, dict[str, Any]]:
     """Find the recipe of an alarm list in a register, before anybody opens a truth.
 
     Parameters
@@ -319,9 +286,10 @@ def registered_entrant(entrant: Entrant, register: RegisterLike | None) -> Regis
 
     Returns
     -------
-    RegisteredEntrant
-        With the register's line; without one where there is neither a register nor a recipe that
-        the user names.
+    registration : Registration or None
+        None where there is neither a register nor a recipe that the user names.
+    provenance : dict
+        Digests of list, recipe and model, with the time of the recipe's register line.
 
     Raises
     ------
@@ -330,20 +298,27 @@ def registered_entrant(entrant: Entrant, register: RegisterLike | None) -> Regis
     FileNotFoundError
         If the register is missing.
     """
+    provenance = entrant.digests()
     if register is None:
         if entrant.named_recipe is not None:
             raise ValueError("`recipe` needs a register: give it by `book`")
-        return RegisteredEntrant(entrant)
+        return None, provenance
     recipe = recipe_of(entrant)
-    path, _ = register_paths(register)
+    path = Path(register)
     if recipe is None:
         raise ValueError(
             f"the detector of {entrant.path} must stand in the register {path}: "
             "name what fixes it by `recipe`"
         )
     read_existing_register(register)
-    line = require_registered(path, recipe, entrant.model)
-    return RegisteredEntrant(entrant, Registration(register, recipe, entrant.model), line)
+    provenance["recipe_sha256"] = recipe
+    provenance["recipe_registered"] = require_registered(path, recipe, entrant.model)["time"]
+    provenance["recipe_told_by"] = (
+        "its result folder" if entrant.of_result else "whoever gave the list"
+    )
+    if entrant.model is not None:
+        provenance["model_sha256"] = entrant.model
+    return Registration(register, recipe, entrant.model), provenance
 
 
 def recipe_of(entrant: Entrant) -> str | None:
@@ -362,8 +337,3 @@ def recipe_of(entrant: Entrant) -> str | None:
             f"got {entrant.named_recipe}"
         )
     return hashes.of_file
-
-
-def register_of(trial: Trial) -> RegisterLike | None:
-    """Return the register that the user names, with its witness."""
-    return None if trial.book is None else with_witness(trial.book, trial.witness)
