@@ -20,7 +20,7 @@ from flgpr.commands.options import (
     one_or_more,
     output_option,
 )
-from flgpr.commands.shell import Arguments, command, given
+from flgpr.commands.shell import Arguments, command, options_given
 
 if TYPE_CHECKING:
     from flgpr.commands.picture import Picture, Slices
@@ -118,8 +118,10 @@ def image(
 
     outputs = one_or_more(output)
     limits = scans if scan is None else (scan, scan)
-    of_recordings = given(image, asked, _DRAWN)
-    of_runs = [name for name in given(image, asked) if name not in (*of_recordings, *_OF_BOTH)]
+    of_recordings = options_given(image, asked, _DRAWN)
+    of_runs = [
+        name for name in options_given(image, asked) if name not in (*of_recordings, *_OF_BOTH)
+    ]
     if is_recording(run):
         # A recording has no poses and no aperture: these options would have no effect.
         if of_runs:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
@@ -107,9 +107,9 @@ def truth_path(truth: TruthLike | None, sealed: PathLike | None) -> Iterator[Pat
             yield path
 
 
-def refuse(options: Mapping[str, Any], why: str) -> None:
+def refuse(names: Iterable[str], why: str) -> None:
     """Refuse options that have no effect here: they are not dropped without a word."""
-    refused = [f"`{name}`" for name in given(options)]
+    refused = [f"`{name}`" for name in names]
     if refused:
         raise ValueError(f"{why}, got {' and '.join(refused)}")
 

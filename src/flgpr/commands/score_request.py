@@ -7,6 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from flgpr.commands.options import one_or_more
+from flgpr.commands.score_options import given
+
 if TYPE_CHECKING:
     from flgpr.commands.trial_card import TrialCard
     from flgpr.store.dialects import TableReading
@@ -46,3 +49,40 @@ class ScoreRequest:
     trial: Trial = field(default_factory=Trial)  #: register, or passphrase of a sealed truth
     card: TrialCard | None = None  #: what the report states of the trial
     overwrite: bool = True  #: whether another score may be replaced
+
+
+def score_request(
+    asked: Mapping[str, Any], lists: Sequence[Path], truth: Path, output: Path, report: str
+) -> ScoreRequest:
+    """Return what the arguments of ``flgpr score`` or ``flgpr compare`` ask for.
+
+    Parameters
+    ----------
+    asked : mapping
+        The arguments by name.
+    lists, truth, output
+        As of :class:`ScoreRequest`.
+    report : str
+        JSON in the output of a score that is there already.
+    """
+    from flgpr.commands.positions import table_reading
+    from flgpr.commands.trial_card import TrialCard, checked_vendors, day_of_score
+
+    anchor = asked["anchor"]
+    vendors = [str(name) for name in one_or_more(asked["vendor"])]
+    passphrase = asked.get("passphrase")
+    return ScoreRequest(
+        lists=lists,
+        truth=truth,
+        output=output,
+        lane=asked["lane"],
+        objects=asked.get("objects"),
+        rules=given({name: asked[name] for name in ("halo", "far")}),
+        reading=table_reading(asked["columns"], anchor, asked["unranked"]),
+        truth_reading=table_reading(asked["truth_columns"], anchor),
+        trial=Trial(one_or_more(asked["recipe"]), asked["book"], asked["witness"], passphrase),
+        card=TrialCard(
+            checked_vendors(vendors, len(lists)), day_of_score(output, report, asked["overwrite"])
+        ),
+        overwrite=asked["overwrite"],
+    )

@@ -130,7 +130,7 @@ def command(**fields: Any) -> Callable[[F], F]:
     return decorate
 
 
-def given(
+def options_given(
     function: Callable[..., Any], arguments: Mapping[str, Any], panel: str | None = None
 ) -> list[str]:
     """Return the options of a command that were given: their arguments are not the defaults.

@@ -51,18 +51,6 @@ class TrialCard:
         return notes
 
 
-def stated_card(
-    vendors: Sequence[str], lists: int, folder: Path, report: str, overwrite: bool
-) -> TrialCard:
-    """Return what the user states of a trial of so many lists, with the day of the score.
-
-    The other parameters are those of :func:`day_of_score`.
-    """
-    return TrialCard(
-        checked_vendors(list(map(str, vendors)), lists), day_of_score(folder, report, overwrite)
-    )
-
-
 def checked_vendors(vendors: Sequence[str], lists: int) -> tuple[str, ...]:
     """Return the names of vendors, one for each alarm list, or none.
 
