@@ -49,18 +49,31 @@ def _as_json(fit: dict[str, Any], _: Arguments) -> dict[str, Any]:
 
 @command(lines=_lines, as_json=_as_json, quiet=False)
 def anchor(
-    points: Annotated[PathLike, "Anchor (TOML), or CSV of surveyed points."],
-    crs: Annotated[str | None, "CSV: reference system of the points, such as EPSG:32633."] = None,
-    accuracy: Annotated[
-        float | None, "CSV: standard deviation of a surveyed coordinate, m."
-    ] = None,
-    write: Annotated[PathLike | None, "CSV: anchor (TOML) to write."] = None,
+    points: PathLike,
+    crs: str | None = None,
+    accuracy: float | None = None,
+    write: PathLike | None = None,
     lane: Annotated[PathLike | None, lane_option("its corners are computed")] = None,
-    outline: Annotated[PathLike | None, "GeoJSON of the lane's outline to write."] = None,
-    run: Annotated[PathLike | None, "Run store to tie to the Earth."] = None,
+    outline: PathLike | None = None,
+    run: PathLike | None = None,
     output: Annotated[PathLike | None, output_option("run store with its georeference")] = None,
 ) -> dict[str, Any]:
     """Fit a lane to surveyed points: its position on the Earth, and the uncertainty.
+
+    Parameters
+    ----------
+    points
+        Anchor (TOML), or CSV of surveyed points.
+    crs
+        CSV: reference system of the points, such as EPSG:32633.
+    accuracy
+        CSV: standard deviation of a surveyed coordinate, m.
+    write
+        CSV: anchor (TOML) to write.
+    outline
+        GeoJSON of the lane's outline to write.
+    run
+        Run store to tie to the Earth.
 
     Returns
     -------

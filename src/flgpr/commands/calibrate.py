@@ -121,9 +121,9 @@ def calibrate_clock(
     track: TrackFile = None,
     anchor: TrackAnchor = None,
     step: Step = 0.05,
-    height: Annotated[float, "z of the area, m."] = 0.0,
-    spacing: Annotated[float | None, "Pixel spacing, m; a quarter wavelength by default."] = None,
-    rate: Annotated[Sequence[float] | None, "Clock rate to try; may repeat, 1 by default."] = None,
+    height: float = 0.0,
+    spacing: float | None = None,
+    rate: Sequence[float] | None = None,
     keep_standing: KeepStanding = False,
 ) -> ClockFit:
     """Find the offset between the radar's clock and the track's by focus alone, without reflectors.
@@ -131,6 +131,15 @@ def calibrate_clock(
     Ranges must be right to about their resolution: where they may be biased and reflectors are
     known, take joint. An answer at the edge of the offsets, or one that does not stand out, is
     refused.
+
+    Parameters
+    ----------
+    height
+        z of the area, m.
+    spacing
+        Pixel spacing, m; a quarter wavelength by default.
+    rate
+        Clock rate to try; may repeat, 1 by default.
 
     Returns
     -------
@@ -167,10 +176,7 @@ def calibrate_range_bias(
     run: RunArgument,
     reflectors: Reflectors,
     output: NewRun = None,
-    search: Annotated[
-        float | None,
-        "Largest bias to either side of zero, m; 3, or what unambiguous ranges allow.",
-    ] = None,
+    search: float | None = None,
     tolerance: Tolerance = 0.15,
     keep_standing: KeepStanding = False,
 ) -> BiasFit:
@@ -178,6 +184,11 @@ def calibrate_range_bias(
 
     The clock must be right. An answer that does not stand out, lies at the edge of the search, or
     on which reflectors disagree is refused.
+
+    Parameters
+    ----------
+    search
+        Largest bias to either side of zero, m; 3, or what unambiguous ranges allow.
 
     Returns
     -------
@@ -207,7 +218,7 @@ def calibrate_joint(
     run: RunArgument,
     reflectors: Reflectors,
     offsets: Offsets,
-    biases: Annotated[Limits, "Least and greatest range bias, m."] = (
+    biases: Limits = (
         -3.0,
         3.0,
     ),
@@ -222,6 +233,11 @@ def calibrate_joint(
 
     An answer that does not stand out, lies at the edge of the search, or on which reflectors
     disagree is refused.
+
+    Parameters
+    ----------
+    biases
+        Least and greatest range bias, m.
 
     Returns
     -------
@@ -277,16 +293,25 @@ def _speed(fit: GroundFit) -> float:
 @command(lines=_permittivity_lines, as_json=_permittivity_json, always_printed=True)
 def calibrate_permittivity(
     run: RunArgument,
-    along: Annotated[
-        Limits | None, "Stretch of the line that holds hyperbolas, m; all by default."
-    ] = None,
-    delays: Annotated[Limits, "Delays that hold them, ns."] = (1.0, 30.0),
-    limits: Annotated[Limits, "Least and greatest permittivity to try."] = (2.0, 36.0),
+    along: Limits | None = None,
+    delays: Limits = (1.0, 30.0),
+    limits: Limits = (2.0, 36.0),
     *,
-    trials: Annotated[int, "Number of permittivities that are tried."] = 41,
+    trials: int = 41,
     track: Progress = None,
 ) -> GroundFit:
     """Find the ground's permittivity by the focus of hyperbolas, for ground-coupled antennas.
+
+    Parameters
+    ----------
+    along
+        Stretch of the line that holds hyperbolas, m; all by default.
+    delays
+        Delays that hold them, ns.
+    limits
+        Least and greatest permittivity to try.
+    trials
+        Number of permittivities that are tried.
 
     Returns
     -------

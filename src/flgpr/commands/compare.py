@@ -56,15 +56,13 @@ def comparison_json(_: SideBySide | None, call: Arguments) -> Any:
     panels={**PANELS, "Register and sealed truth": ("recipe", "book", "witness")},
 )
 def compare(
-    alarms: Annotated[ResultsLike, "Result folders and alarm lists (CSV), two or more."],
+    alarms: ResultsLike,
     truth: Truth = None,
     lane: Annotated[
         PathLike | None, lane_option("or a CSV of several; results have their own")
     ] = None,
     output: Annotated[PathLike | None, output_option("folder of the page and its JSON")] = None,
-    halo: Annotated[
-        float | None, "Halo radius in metres; by default that of the results, or 1 m."
-    ] = None,
+    halo: float | None = None,
     far: Far = None,
     recipe: Recipes = None,
     book: Book = None,
@@ -77,6 +75,13 @@ def compare(
     overwrite: Overwrite = False,
 ) -> SideBySide:
     """Compare two results or alarm lists, or more, against the same open truth.
+
+    Parameters
+    ----------
+    alarms
+        Result folders and alarm lists (CSV), two or more.
+    halo
+        Halo radius in metres; by default that of the results, or 1 m.
 
     Returns
     -------

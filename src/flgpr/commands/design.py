@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 from flgpr.commands.options import Output, Progress
 from flgpr.commands.shell import Arguments, command
@@ -61,47 +61,23 @@ def _check_json(call: Arguments) -> dict[str, Any]:
     },
 )
 def design(
-    sensor: Annotated[str, "Sensor preset or TOML file."],
-    compare: Annotated[Sequence[str] | None, "Another sensor to compare; may repeat."] = None,
+    sensor: str,
+    compare: Sequence[str] | None = None,
     output: Output = "design.html",
-    band: Annotated[tuple[float, float] | None, "First and last tone, Hz; all by default."] = None,
-    window: Annotated[str, "Window over the tones: boxcar, hann, hamming, taylor."] = "hann",
-    site: Annotated[str, "Site whose soil and surface the mines lie in."] = "arid-sand",
-    rms: Annotated[float | None, "Rms height of the surface, m; the site's by default."] = None,
-    depth: Annotated[
-        Sequence[float] | None,
-        "Depth of the mines' top, m; may repeat with --signal-to-clutter.",
-    ] = None,
-    signal_to_clutter: Annotated[
-        bool,
-        "Print the expected signal to clutter of bodies; write no page.",
-    ] = False,
-    body: Annotated[
-        Sequence[str] | None,
-        "Signal to clutter: packaged body or table; may repeat; all by default.",
-    ] = None,
-    distance: Annotated[float | None, "Signal to clutter: ground range to the body, m; 12."] = None,
-    height: Annotated[
-        float | None, "Signal to clutter: of the array, m; the sensor's by default."
-    ] = None,
-    permittivity: Annotated[
-        float | None,
-        "Signal to clutter: of the soil, with --loss-tangent; the site's by default.",
-    ] = None,
-    loss_tangent: Annotated[
-        float | None, "Signal to clutter: of the soil; the site's by default."
-    ] = None,
-    correlation_length: Annotated[
-        float | None, "Signal to clutter: of the surface, m; the site's by default."
-    ] = None,
-    unevenness: Annotated[
-        float | None,
-        "Signal to clutter: of the ground, m³ (ISO 8608); the site's by default.",
-    ] = None,
-    measure: Annotated[
-        int | None,
-        "Signal to clutter: measure it too, on simulated images of this number of grounds.",
-    ] = None,
+    band: tuple[float, float] | None = None,
+    window: str = "hann",
+    site: str = "arid-sand",
+    rms: float | None = None,
+    depth: Sequence[float] | None = None,
+    signal_to_clutter: bool = False,
+    body: Sequence[str] | None = None,
+    distance: float | None = None,
+    height: float | None = None,
+    permittivity: float | None = None,
+    loss_tangent: float | None = None,
+    correlation_length: float | None = None,
+    unevenness: float | None = None,
+    measure: int | None = None,
     *,
     track: Progress = None,
 ) -> Any:
@@ -109,6 +85,41 @@ def design(
 
     With --signal-to-clutter print a table for bodies at depths, by formula and with --measure
     measured.
+
+    Parameters
+    ----------
+    sensor
+        Sensor preset or TOML file.
+    compare
+        Another sensor to compare; may repeat.
+    band
+        First and last tone, Hz; all by default.
+    window
+        Window over the tones: boxcar, hann, hamming, taylor.
+    site
+        Site whose soil and surface the mines lie in.
+    rms
+        Rms height of the surface, m; the site's by default.
+    depth
+        Depth of the mines' top, m; may repeat with --signal-to-clutter.
+    signal_to_clutter
+        Print the expected signal to clutter of bodies; write no page.
+    body
+        Signal to clutter: packaged body or table; may repeat; all by default.
+    distance
+        Signal to clutter: ground range to the body, m; 12.
+    height
+        Signal to clutter: of the array, m; the sensor's by default.
+    permittivity
+        Signal to clutter: of the soil, with --loss-tangent; the site's by default.
+    loss_tangent
+        Signal to clutter: of the soil; the site's by default.
+    correlation_length
+        Signal to clutter: of the surface, m; the site's by default.
+    unevenness
+        Signal to clutter: of the ground, m³ (ISO 8608); the site's by default.
+    measure
+        Signal to clutter: measure it too, on simulated images of this number of grounds.
 
     Returns
     -------

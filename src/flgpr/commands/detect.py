@@ -155,12 +155,8 @@ def _typed(function: Callable[Concatenate[Any, P], Any]) -> OneOrList[P]:
     compiles_kernels=True,
 )
 def detect(
-    runs: Annotated[RunsLike, "Run stores; several make a survey."],
-    recipe: Annotated[
-        PathLike | None,
-        "Packaged recipe or TOML file; else one is made for the run.",
-        ShellType(str),
-    ] = None,
+    runs: RunsLike,
+    recipe: Annotated[PathLike | None, ShellType(str)] = None,
     output: Annotated[
         PathLike | None, output_option("result folder; a folder of them for several runs"), REQUIRED
     ] = None,
@@ -168,40 +164,51 @@ def detect(
         LanesLike | None,
         lane_option("once per run"),
     ] = None,
-    model: Annotated[PathLike | None, "Model of `flgpr train` for the recipe."] = None,
+    model: PathLike | None = None,
     workers: Annotated[int | None, Option(help="Processes; the result is the same.", min=1)] = None,
     scheduler: Scheduler = None,
     lanes_at_once: Annotated[
         int | None, Option(help="Lanes at the same time; needs workers or a scheduler.", min=1)
     ] = None,
-    max_memory: Annotated[
-        str | int, "Memory of each process; larger lanes are processed in sections."
-    ] = "2GB",
-    section: Annotated[
-        float | None, "Longest section of a lane, m, for recipes without variants."
-    ] = None,
+    max_memory: str | int = "2GB",
+    section: float | None = None,
     others: With = (),
-    unlike: Annotated[
-        str,
-        "On ground unlike the model's training: rank by contrast (fallback), keep, or refuse.",
-    ] = "fallback",
-    far: Annotated[
-        float | None,
-        "False alarms per m² to state a threshold for; alarms above it are marked.",
-    ] = None,
+    unlike: str = "fallback",
+    far: float | None = None,
     overwrite: Overwrite = True,
     *,
-    report: Annotated[bool, "Whether to write report.html now; scoring writes it anew."] = True,
+    report: bool = True,
     track: Progress = None,
-    note: Annotated[Any, "Takes a report of every piece of work that was done."] = None,
-    pass_cache: Annotated[
-        PathLike | None, "Folder of backgrounds and run-views that other recipes share."
-    ] = None,
+    note: Any = None,
+    pass_cache: PathLike | None = None,
 ) -> Result | Survey:
     """Raise alarms on runs; truth is not needed and not read. An interrupted run resumes.
 
     One run gives the result folder OUTPUT, several give OUTPUT/NAME each and OUTPUT/survey.json.
     Sections of a lane have folders of their own, section-01 and so on, and a table of all alarms.
+
+    Parameters
+    ----------
+    runs
+        Run stores; several make a survey.
+    recipe
+        Packaged recipe or TOML file; else one is made for the run.
+    model
+        Model of `flgpr train` for the recipe.
+    max_memory
+        Memory of each process; larger lanes are processed in sections.
+    section
+        Longest section of a lane, m, for recipes without variants.
+    unlike
+        On ground unlike the model's training: rank by contrast (fallback), keep, or refuse.
+    far
+        False alarms per m² to state a threshold for; alarms above it are marked.
+    report
+        Whether to write report.html now; scoring writes it anew.
+    note
+        Takes a report of every piece of work that was done.
+    pass_cache
+        Folder of backgrounds and run-views that other recipes share.
 
     Returns
     -------

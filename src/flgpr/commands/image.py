@@ -47,57 +47,88 @@ def _lines(drawn: Picture | Slices | Radargram, call: Arguments) -> Iterator[str
     },
 )
 def image(
-    run: Annotated[
-        PathLike,
-        "Run store, or a recording (.dzt, .dt1, ...), whose traces are drawn as they are.",
-    ],
+    run: PathLike,
     output: Annotated[
         OneOrMorePaths,
         output_option(".png, .npz, .zarr or .tif; may repeat"),
         REQUIRED,
         ShellType(list[Path]),
     ] = (),
-    x: Annotated[Limits | None, "Limits, m, in the lane frame."] = None,
-    y: Annotated[Limits | None, "Limits, m."] = None,
-    z: Annotated[Limits | None, "Limits, m; the ground is at 0, depths are negative."] = None,
-    at_x: Annotated[float | None, "One x, for a section along y."] = None,
-    at_y: Annotated[float | None, "One y, for a section along x."] = None,
-    at_z: Annotated[float | None, "One z; 0 by default."] = None,
-    spacing: Annotated[
-        float | None, "Of pixels, m; a quarter of the wavelength by default."
-    ] = None,
-    scans: Annotated[tuple[int, int] | None, "First and last scan to sum; all by default."] = None,
-    scan: Annotated[int | None, "A single scan."] = None,
-    polarization: Annotated[Sequence[str] | None, "May repeat; all by default."] = None,
-    band: Annotated[Limits | None, "GHz; all tones by default."] = None,
-    window: Annotated[str, "boxcar, hann, hamming or taylor."] = "hann",
-    permittivity: Annotated[
-        float | None, "Permittivity along all paths: the ground's, for antennas on it."
-    ] = None,
-    ground: Annotated[float | None, "Permittivity of ground below z = 0 that refracts."] = None,
-    reach: Annotated[
-        float | None,
-        "Largest distance of an antenna from the pixels it contributes to, m.",
-    ] = None,
+    x: Limits | None = None,
+    y: Limits | None = None,
+    z: Limits | None = None,
+    at_x: float | None = None,
+    at_y: float | None = None,
+    at_z: float | None = None,
+    spacing: float | None = None,
+    scans: tuple[int, int] | None = None,
+    scan: int | None = None,
+    polarization: Sequence[str] | None = None,
+    band: Limits | None = None,
+    window: str = "hann",
+    permittivity: float | None = None,
+    ground: float | None = None,
+    reach: float | None = None,
     anchor: Annotated[PathLike | None, anchor_option("for .tif")] = None,
     points: Annotated[int, Option(help="Number of brightest points.", min=1, max=100)] = 5,
-    depth: Annotated[
-        Sequence[float] | None,
-        "Depth slices in place of z: a depth below z = 0, m; may repeat.",
-    ] = None,
+    depth: Sequence[float] | None = None,
     channel: Annotated[int, Option(help="Recording: channel, from 0.", min=0)] = 0,
-    until: Annotated[float | None, "Recording: last two-way time, ns; all by default."] = None,
-    dewow: Annotated[bool, "Recording: subtract the running mean from each trace."] = False,
-    background: Annotated[bool, "Recording: subtract the mean of all traces."] = False,
-    gain: Annotated[bool, "Recording: divide by the line's mean level at each time."] = False,
-    step_window: Annotated[
-        float | None,
-        "Recording: window of dewow and gain, ns; two periods of the antenna by default.",
-    ] = None,
+    until: float | None = None,
+    dewow: bool = False,
+    background: bool = False,
+    gain: bool = False,
+    step_window: float | None = None,
     *,
     track: Progress = None,
 ) -> Picture | Slices | Radargram:
     """Focus a run over the aperture of its scans, or draw the traces of a recording over time.
+
+    Parameters
+    ----------
+    run
+        Run store, or a recording (.dzt, .dt1, ...), whose traces are drawn as they are.
+    x
+        Limits, m, in the lane frame.
+    y
+        Limits, m.
+    z
+        Limits, m; the ground is at 0, depths are negative.
+    at_x
+        One x, for a section along y.
+    at_y
+        One y, for a section along x.
+    at_z
+        One z; 0 by default.
+    spacing
+        Of pixels, m; a quarter of the wavelength by default.
+    scans
+        First and last scan to sum; all by default.
+    scan
+        A single scan.
+    polarization
+        May repeat; all by default.
+    band
+        GHz; all tones by default.
+    window
+        boxcar, hann, hamming or taylor.
+    permittivity
+        Permittivity along all paths: the ground's, for antennas on it.
+    ground
+        Permittivity of ground below z = 0 that refracts.
+    reach
+        Largest distance of an antenna from the pixels it contributes to, m.
+    depth
+        Depth slices in place of z: a depth below z = 0, m; may repeat.
+    until
+        Recording: last two-way time, ns; all by default.
+    dewow
+        Recording: subtract the running mean from each trace.
+    background
+        Recording: subtract the mean of all traces.
+    gain
+        Recording: divide by the line's mean level at each time.
+    step_window
+        Recording: window of dewow and gain, ns; two periods of the antenna by default.
 
     Returns
     -------

@@ -40,10 +40,15 @@ def written_lines(written: list[Path], _: Arguments) -> Iterator[Path]:
 
 @command(lines=written_lines)
 def import_fullwave(
-    archive: Annotated[PathLike, "NumPy archive (.npz) of a full-wave lane."],
+    archive: PathLike,
     output: Output,
 ) -> list[Path]:
     """Import a full-wave lane; its truth and objects, if known, are written beside the run.
+
+    Parameters
+    ----------
+    archive
+        NumPy archive (.npz) of a full-wave lane.
 
     Returns
     -------
@@ -89,34 +94,56 @@ def _mapped_lines(imported: Imported, call: Arguments) -> Iterator[str | Path]:
     resumes=True,
 )
 def import_mapped(
-    mapping: Annotated[PathLike, "Mapping (TOML): which variable is what, in which unit."],
+    mapping: PathLike,
     output: Output,
-    data: Annotated[Paths | None, "Data file in place of the mapping's own; may repeat."] = None,
-    survey: Annotated[PathLike | None, "CSV of surveyed poses, a line per scan."] = None,
-    track: Annotated[PathLike | None, "CSV track, take of Motive, or NMEA log."] = None,
+    data: Paths | None = None,
+    survey: PathLike | None = None,
+    track: PathLike | None = None,
     anchor: AnchorOption = None,
     anchor_from_track: FromTrack = False,
-    clock_offset: Annotated[float, "The track's clock less the radar's, s."] = 0.0,
-    lever_arm: Annotated[Point, "Positioning antenna in the vehicle frame, m: x y z."] = (
+    clock_offset: float = 0.0,
+    lever_arm: Point = (
         0.0,
         0.0,
         0.0,
     ),
-    latency: Annotated[float, "Delay of the track's time stamps, s."] = 0.0,
-    max_memory: Annotated[str | int, "Largest array that is read."] = "2GB",
-    body: Annotated[str | None, "Rigid body, if the track is a take of OptiTrack Motive."] = None,
-    axes: Annotated[
-        str | None, "Motive's axes that are x, y, z of the lane, such as x,-z,y."
-    ] = None,
-    max_gap: Annotated[float, "Longest gap in the fixes of a track, s."] = 1.0,
-    above_ground: Annotated[
-        float | None,
-        "Height of an NMEA log's antenna above the ground, m, in place of the log's.",
-    ] = None,
+    latency: float = 0.0,
+    max_memory: str | int = "2GB",
+    body: str | None = None,
+    axes: str | None = None,
+    max_gap: float = 1.0,
+    above_ground: float | None = None,
 ) -> Imported:
     """Import HDF5, MATLAB, NumPy, MCAP, CSV, Touchstone or SigMF files by a mapping.
 
     `flgpr info FILE` drafts a mapping.
+
+    Parameters
+    ----------
+    mapping
+        Mapping (TOML): which variable is what, in which unit.
+    data
+        Data file in place of the mapping's own; may repeat.
+    survey
+        CSV of surveyed poses, a line per scan.
+    track
+        CSV track, take of Motive, or NMEA log.
+    clock_offset
+        The track's clock less the radar's, s.
+    lever_arm
+        Positioning antenna in the vehicle frame, m: x y z.
+    latency
+        Delay of the track's time stamps, s.
+    max_memory
+        Largest array that is read.
+    body
+        Rigid body, if the track is a take of OptiTrack Motive.
+    axes
+        Motive's axes that are x, y, z of the lane, such as x,-z,y.
+    max_gap
+        Longest gap in the fixes of a track, s.
+    above_ground
+        Height of an NMEA log's antenna above the ground, m, in place of the log's.
 
     Returns
     -------
@@ -187,18 +214,25 @@ def _table_lines(rows: pd.DataFrame, call: Arguments) -> Iterator[str | Path]:
 
 @command(lines=_table_lines)
 def import_table(
-    file: Annotated[PathLike, "CSV of alarms, truth or objects, in any dialect."],
+    file: PathLike,
     output: Output,
-    kind: Annotated[str, "What it holds: alarms, truth or objects."] = "alarms",
-    columns: Annotated[
-        str | None, "Columns that have other names: x=Rechts,y=Hoch,confidence=Wert."
-    ] = None,
+    kind: str = "alarms",
+    columns: str | None = None,
     anchor: Annotated[
         PathLike | None,
         anchor_option("for longitude and latitude"),
     ] = None,
 ) -> pd.DataFrame:
     """Read a table of alarms, truth or objects in any dialect, and write it as flgpr does.
+
+    Parameters
+    ----------
+    file
+        CSV of alarms, truth or objects, in any dialect.
+    kind
+        What it holds: alarms, truth or objects.
+    columns
+        Columns that have other names: x=Rechts,y=Hoch,confidence=Wert.
 
     Returns
     -------

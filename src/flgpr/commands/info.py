@@ -55,23 +55,28 @@ def _as_json(returned: Any, call: Arguments) -> Any:
 
 @command(lines=_lines, as_json=_as_json, quiet=False)
 def info(
-    paths: Annotated[
-        OneOrMorePaths,
-        "Run store, file to import, model, or result with a model; "
-        "or all files of one measurement.",
-    ],
-    recipe: Annotated[
-        PathLike | None,
-        "Recipe whose images and lane decide what is covered; it is checked, too.",
-        ShellType(str),
-    ] = None,
-    recipes: Annotated[bool, "Check every packaged recipe."] = False,
-    plot: Annotated[PathLike | None, "PNG to write: plan, coverage and side view."] = None,
-    mapping: Annotated[PathLike | None, "TOML to write: the draft of the files' mapping."] = None,
+    paths: OneOrMorePaths,
+    recipe: Annotated[PathLike | None, ShellType(str)] = None,
+    recipes: bool = False,
+    plot: PathLike | None = None,
+    mapping: PathLike | None = None,
 ) -> Any:
     """Show what a run, a file or a model holds. A model is not loaded for it.
 
     Several files of one measurement are described together, with one draft of their mapping.
+
+    Parameters
+    ----------
+    paths
+        Run store, file to import, model, or result with a model; or all files of one measurement.
+    recipe
+        Recipe whose images and lane decide what is covered; it is checked, too.
+    recipes
+        Check every packaged recipe.
+    plot
+        PNG to write: plan, coverage and side view.
+    mapping
+        TOML to write: the draft of the files' mapping.
 
     Returns
     -------

@@ -134,10 +134,8 @@ def live(
         PathLike | None,
         Argument(help="Folder that the radar writes scans into, or a recording (.mcap) to play."),
     ] = None,
-    recipe: Annotated[
-        str | None, "Packaged recipe or TOML file; else one is made for the run."
-    ] = None,
-    model: Annotated[PathLike | None, "Trained classifier."] = None,
+    recipe: str | None = None,
+    model: PathLike | None = None,
     output: Annotated[
         PathLike, output_option("folder of events, snapshot and alarms")
     ] = "live-result",
@@ -146,53 +144,62 @@ def live(
     secret_file: SecretFile = None,
     lane: Lane = None,
     anchor: AnchorOption = None,
-    speed: Annotated[
-        float | None,
-        "Speed of the vehicle, km/h: alarms then state whether it can stop.",
-    ] = None,
-    reaction: Annotated[
-        float | None, "Time until the brakes hold, s; default the recipe's."
-    ] = None,
-    deceleration: Annotated[
-        float | None,
-        "Deceleration of the braking vehicle, m/s²; default the recipe's.",
-    ] = None,
-    front: Annotated[
-        float | None,
-        "Vehicle's foremost point ahead of the array, m; default the recipe's.",
-    ] = None,
-    looks: Annotated[int, "Scans that must have seen a point before an alarm."] = 3,
+    speed: float | None = None,
+    reaction: float | None = None,
+    deceleration: float | None = None,
+    front: float | None = None,
+    looks: int = 3,
     warm_up: Annotated[
         int,
         Option(min=3, help="The first scan to be cleaned; earlier ones only train the background."),
     ] = 5,
-    span: Annotated[
-        int | None, "Scans that the background is estimated from; all by default."
-    ] = None,
-    snapshot: Annotated[int, "Scans between snapshots; 0 writes only the last."] = 20,
-    idle: Annotated[float | None, "End after this time without a scan, s."] = None,
-    threshold: Annotated[
-        float | None,
-        "Confidence from which an alarm counts; default the recipe's, else all.",
-    ] = None,
-    rate: Annotated[
-        float | None,
-        "Recording: scans per second, 0 as fast as it can; default as recorded.",
-    ] = None,
-    worth: Annotated[
-        float,
-        "Probability of another decision from which an alarm advises one more look.",
-    ] = 0.1,
-    mcap: Annotated[bool, "At the end write live.mcap, which Foxglove plays."] = False,
+    span: int | None = None,
+    snapshot: int = 20,
+    idle: float | None = None,
+    threshold: float | None = None,
+    rate: float | None = None,
+    worth: float = 0.1,
+    mcap: bool = False,
     fresh: Annotated[bool, Option("--overwrite", "--fresh", help=OVERWRITE_HELP)] = False,
     *,
-    emit: Annotated[
-        Callable[[str], Any] | None, "Takes every event, a line of JSON; none by default."
-    ] = None,
+    emit: Callable[[str], Any] | None = None,
 ) -> LiveReport:
     """Raise alarms while scans come in.
 
     Events are printed as lines of JSON, a summary on the error stream.
+
+    Parameters
+    ----------
+    recipe
+        Packaged recipe or TOML file; else one is made for the run.
+    model
+        Trained classifier.
+    speed
+        Speed of the vehicle, km/h: alarms then state whether it can stop.
+    reaction
+        Time until the brakes hold, s; default the recipe's.
+    deceleration
+        Deceleration of the braking vehicle, m/s²; default the recipe's.
+    front
+        Vehicle's foremost point ahead of the array, m; default the recipe's.
+    looks
+        Scans that must have seen a point before an alarm.
+    span
+        Scans that the background is estimated from; all by default.
+    snapshot
+        Scans between snapshots; 0 writes only the last.
+    idle
+        End after this time without a scan, s.
+    threshold
+        Confidence from which an alarm counts; default the recipe's, else all.
+    rate
+        Recording: scans per second, 0 as fast as it can; default as recorded.
+    worth
+        Probability of another decision from which an alarm advises one more look.
+    mcap
+        At the end write live.mcap, which Foxglove plays.
+    emit
+        Takes every event, a line of JSON; none by default.
 
     Returns
     -------
@@ -261,21 +268,33 @@ def live(
 
 @command(lines=lambda count, _: [f"played {count} scans"])
 def feed(
-    run: Annotated[PathLike, "Run store."],
+    run: PathLike,
     incoming: Annotated[PathLike | None, Argument(help="Folder to write scans into.")] = None,
-    rate: Annotated[float, "Scans per second; 0 plays as fast as it can."] = 4.2,
+    rate: float = 4.2,
     socket: Socket = None,
     tcp: Tcp = None,
     secret_file: SecretFile = None,
-    first: Annotated[int, "First scan."] = 0,
-    count: Annotated[int | None, "Number of scans; default all."] = None,
-    lead: Annotated[float, "Time between the run's description and its first scan, s."] = 2.0,
-    fault: Annotated[
-        Sequence[str] | None,
-        "Rehearse a fault: lost, late, twice, nan or jump, as lost:40:13; may repeat.",
-    ] = None,
+    first: int = 0,
+    count: int | None = None,
+    lead: float = 2.0,
+    fault: Sequence[str] | None = None,
 ) -> int:
     """Play a stored run as the radar would write it.
+
+    Parameters
+    ----------
+    run
+        Run store.
+    rate
+        Scans per second; 0 plays as fast as it can.
+    first
+        First scan.
+    count
+        Number of scans; default all.
+    lead
+        Time between the run's description and its first scan, s.
+    fault
+        Rehearse a fault: lost, late, twice, nan or jump, as lost:40:13; may repeat.
 
     Returns
     -------

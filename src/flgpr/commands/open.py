@@ -48,7 +48,7 @@ def _lines(opened: Opened, _: Arguments) -> Iterator[str | Path]:
 
 @command(lines=_lines, as_json=lambda opened, _: opened.as_json(), quiet=False)
 def open_files(
-    paths: Annotated[OneOrMorePaths, "File of any format, or all files of one measurement."],
+    paths: OneOrMorePaths,
     output: Annotated[
         PathLike | None, output_option("mapping, TOML; the picture lies beside it as .png")
     ] = None,
@@ -57,6 +57,11 @@ def open_files(
 
     A mapping is drafted and a picture drawn; without an output they lie in the folder where the
     command is given, under the name of the first file.
+
+    Parameters
+    ----------
+    paths
+        File of any format, or all files of one measurement.
 
     Returns
     -------

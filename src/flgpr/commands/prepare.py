@@ -22,32 +22,44 @@ def _lines(_: xr.Dataset, call: Arguments) -> Iterator[Path]:
 def prepare(
     run: RunArgument,
     output: Output,
-    subtract: Annotated[PathLike | None, "Run to subtract, such as one without the target."] = None,
-    time_zero: Annotated[float | None, "Shift of time zero to a later time, ns."] = None,
-    dewow: Annotated[
-        float | None, "Subtract a running mean over this time, ns, from each trace."
-    ] = None,
-    gate: Annotated[
-        Limits | None,
-        "Set to zero what arrives before and after, ns: the direct wave.",
-    ] = None,
-    background: Annotated[bool, "Subtract what is the same in all scans."] = False,
-    background_scans: Annotated[
-        int | None, "The same, over this number of scans around each."
-    ] = None,
-    band: Annotated[Limits | None, "Band to keep, GHz."] = None,
-    power: Annotated[float | None, "Amplify by this power of time."] = None,
-    agc: Annotated[
-        float | None, "Bring all times to one level, over a window of this time, ns."
-    ] = None,
-    steps: Annotated[
-        PathLike | Sequence[Mapping[str, Any]] | None,
-        "TOML of steps in any order, in place of all these.",
-        ShellType(Path),
-    ] = None,
-    max_memory: Annotated[str | int, "Largest memory that is used."] = "2GB",
+    subtract: PathLike | None = None,
+    time_zero: float | None = None,
+    dewow: float | None = None,
+    gate: Limits | None = None,
+    background: bool = False,
+    background_scans: int | None = None,
+    band: Limits | None = None,
+    power: float | None = None,
+    agc: float | None = None,
+    steps: Annotated[PathLike | Sequence[Mapping[str, Any]] | None, ShellType(Path)] = None,
+    max_memory: str | int = "2GB",
 ) -> xr.Dataset:
     """Prepare raw data, in the order of the options. The new run's history holds the steps.
+
+    Parameters
+    ----------
+    subtract
+        Run to subtract, such as one without the target.
+    time_zero
+        Shift of time zero to a later time, ns.
+    dewow
+        Subtract a running mean over this time, ns, from each trace.
+    gate
+        Set to zero what arrives before and after, ns: the direct wave.
+    background
+        Subtract what is the same in all scans.
+    background_scans
+        The same, over this number of scans around each.
+    band
+        Band to keep, GHz.
+    power
+        Amplify by this power of time.
+    agc
+        Bring all times to one level, over a window of this time, ns.
+    steps
+        TOML of steps in any order, in place of all these.
+    max_memory
+        Largest memory that is used.
 
     Returns
     -------

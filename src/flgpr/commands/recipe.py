@@ -60,16 +60,17 @@ def show_recipe(name: RecipeArgument) -> str:
 def recipe_for(
     run: RunArgument,
     output: Annotated[PathLike | None, output_option("TOML file; else it is printed")] = None,
-    like: Annotated[
-        PathLike | None,
-        "Recipe whose method it has, such as fused; by default parts of wang2007.",
-        ShellType(str),
-    ] = None,
+    like: Annotated[PathLike | None, ShellType(str)] = None,
 ) -> str:
     """Make a recipe for a run's band, polarizations and array.
 
     Comments in it state where each figure comes from. With --like what belongs to the array comes
     from the run, and all else from another recipe.
+
+    Parameters
+    ----------
+    like
+        Recipe whose method it has, such as fused; by default parts of wang2007.
 
     Returns
     -------

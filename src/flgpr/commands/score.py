@@ -110,14 +110,9 @@ def _passphrase(call: Arguments) -> dict[str, Any]:
     panels={**PANELS, "Earlier spellings": ("seal", "show", "agreement")},
 )
 def score(
-    alarms: Annotated[
-        ResultsLike,
-        "Result folder, or an alarm list (CSV) of any detector.",
-    ],
+    alarms: ResultsLike,
     truth: Truth = None,
-    objects: Annotated[
-        PathLike | None, "CSV of rocks, posts and the like, for a result's pictures."
-    ] = None,
+    objects: PathLike | None = None,
     lane: Annotated[
         PathLike | None,
         lane_option("or a CSV of several; a result folder has its own"),
@@ -126,18 +121,15 @@ def score(
         PathLike | None,
         output_option("folder of the report and its JSON"),
     ] = None,
-    halo: Annotated[
-        float | None,
-        "Halo radius in metres, for alarm lists (1 m by default); a result has its recipe's.",
-    ] = None,
+    halo: float | None = None,
     far: Far = None,
-    seal: Annotated[bool, "The same as flgpr seal."] = False,
-    show: Annotated[str | None, "With --seal: see flgpr seal.", ShellType(Show)] = None,
+    seal: bool = False,
+    show: Annotated[str | None, ShellType(Show)] = None,
     sealed: Sealed = None,
     recipe: Recipes = None,
     book: Book = None,
     witness: Witness = None,
-    agreement: Annotated[bool, "The same as flgpr agree."] = False,
+    agreement: bool = False,
     columns: Columns = None,
     truth_columns: TruthColumns = None,
     anchor: ListAnchor = None,
@@ -149,6 +141,21 @@ def score(
     track: Progress = None,
 ) -> Any:
     """Score a result or an alarm list against truth, open or sealed.
+
+    Parameters
+    ----------
+    alarms
+        Result folder, or an alarm list (CSV) of any detector.
+    objects
+        CSV of rocks, posts and the like, for a result's pictures.
+    halo
+        Halo radius in metres, for alarm lists (1 m by default); a result has its recipe's.
+    seal
+        The same as flgpr seal.
+    show
+        With --seal: see flgpr seal.
+    agreement
+        The same as flgpr agree.
 
     Returns
     -------

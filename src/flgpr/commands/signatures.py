@@ -37,25 +37,44 @@ class Parameter:
 
 
 def parameters_of(function: Callable[..., Any]) -> list[Parameter]:
-    """Return the parameters of a function, in the order of its signature."""
+    """Return the parameters of a function, in the order of its signature.
+
+    What one is for is said in the docstring, or by a text in its annotation.
+    """
     parameters = inspect.signature(function).parameters
     # Without that of the returned value, which may name a class that is not loaded.
     copy = types.FunctionType(function.__code__, function.__globals__)
     copy.__annotations__ = {name: function.__annotations__[name] for name in parameters}
     annotations = inspect.get_annotations(copy, eval_str=True)
-    return [_parameter(one, annotations[name]) for name, one in parameters.items()]
+    _, sentences = without_parameters(function.__doc__ or "")
+    return [
+        _parameter(one, annotations[name], sentences.get(name, ""))
+        for name, one in parameters.items()
+    ]
 
 
-def _parameter(declared: inspect.Parameter, annotation: Any) -> Parameter:
+def without_parameters(text: str) -> tuple[str, dict[str, str]]:
+    """Return a docstring without the section of the parameters, and the sentence on each."""
+    before, *section = re.split(r"^Parameters\n-+\n", inspect.cleandoc(text), flags=re.MULTILINE)
+    if not section:
+        return before, {}
+    entries, *after = re.split(r"\n\n(?=\S)", section[0], maxsplit=1)
+    sentences = {}
+    for entry in re.split(r"\n(?=\S)", entries):
+        name, _, sentence = entry.partition("\n")
+        sentences[name] = " ".join(sentence.split())
+    return before + "".join(after), sentences
+
+
+def _parameter(declared: inspect.Parameter, annotation: Any, sentence: str) -> Parameter:
     """Return a parameter with what the marks of its annotation state.
 
-    A text alone is the help of an argument, if the parameter has no default, and else of an option;
+    Without a mark it is an argument of the command line, if it has no default, and else an option;
     parameters by keyword alone are those of Python.
     """
     is_annotated = hasattr(annotation, "__metadata__")
     python_type, *marks = get_args(annotation) if is_annotated else [annotation]
     shell = None
-    sentence = ""
     parsed_type = shell_type(python_type)
     # An empty sequence is what Typer calls None.
     shell_default = None if declared.default == () else declared.default
@@ -70,7 +89,7 @@ def _parameter(declared: inspect.Parameter, annotation: Any) -> Parameter:
             parsed_type = mark.type | None if is_optional else mark.type
         else:
             sentence = mark
-    if sentence and shell is None and declared.kind is not declared.KEYWORD_ONLY:
+    if shell is None and declared.kind is not declared.KEYWORD_ONLY:
         if declared.default is _EMPTY:
             shell = Argument(help=sentence)
         else:
@@ -180,7 +199,7 @@ def python_documentation(
     It fits a screen: a parameter has a line, of a long help the first words; the boxes of the help
     of the command line but the first have a line each, by their titles.
     """
-    summary, *sections = _SECTIONS.split(inspect.cleandoc(text), maxsplit=1)
+    summary, *sections = _SECTIONS.split(without_parameters(text)[0], maxsplit=1)
     known = [parameter.name for parameter in parameters]
     together = {}
     for title, names in list(panels.items())[1:]:

@@ -41,15 +41,30 @@ def _mines_lines(plan: SamplePlan, call: Arguments) -> Iterator[str]:
 @command(lines=_mines_lines, quiet=False)
 def plan_mines(
     pd_claim: Annotated[float, Option("--pd", help="Probability of detection to be shown.")] = 0.9,
-    far: Annotated[float, "False alarms per m² to be shown."] = 0.01,
-    confidence: Annotated[float, "Confidence of each claim."] = 0.95,
-    true_pd: Annotated[float | None, "Pd the detector is believed to have."] = None,
-    true_far: Annotated[float | None, "FAR it is believed to have."] = None,
+    far: float = 0.01,
+    confidence: float = 0.95,
+    true_pd: float | None = None,
+    true_far: float | None = None,
     *,
-    power: Annotated[float, "Probability with which the claim shall be shown."] = 0.8,
-    joint: Annotated[bool, "Whether the confidence is that of both claims together."] = False,
+    power: float = 0.8,
+    joint: bool = False,
 ) -> SamplePlan:
     """Return how many mines and how much ground it takes to show a performance.
+
+    Parameters
+    ----------
+    far
+        False alarms per m² to be shown.
+    confidence
+        Confidence of each claim.
+    true_pd
+        Pd the detector is believed to have.
+    true_far
+        FAR it is believed to have.
+    power
+        Probability with which the claim shall be shown.
+    joint
+        Whether the confidence is that of both claims together.
 
     Returns
     -------
@@ -93,25 +108,42 @@ def _lane_lines(
     },
 )
 def plan_lane(
-    lane: Annotated[PathLike, "TOML or CSV of the lane or lanes."],
-    targets: Annotated[PathLike, "CSV with kind, depth (m) and count."],
+    lane: PathLike,
+    targets: PathLike,
     output: Output,
-    seed: Annotated[
-        int | None,
-        "Seed to draw a plan again; who can guess it knows the plan. "
-        "By default drawn, and printed.",
-    ] = None,
-    spacing: Annotated[float, "Least distance between targets, m."] = 3.0,
-    edge: Annotated[float, "Least distance to the lane's border, m."] = 0.5,
-    recipe: Annotated[str | None, "What fixes a detector, registered with the plan."] = None,
-    book: Annotated[PathLike | None, "Register; beside the plan by default."] = None,
+    seed: int | None = None,
+    spacing: float = 3.0,
+    edge: float = 0.5,
+    recipe: str | None = None,
+    book: PathLike | None = None,
     anchor: Annotated[PathLike | None, anchor_option("adds GeoPackage and GPX")] = None,
-    halo: Annotated[float, "Halo radius that scores must use, m."] = 1.0,
-    far: Annotated[float, "Operating point that scores must use, false alarms per m²."] = 0.05,
+    halo: float = 1.0,
+    far: float = 0.05,
 ) -> tuple[pd.DataFrame, dict[str, Any]]:
     """Draw an emplacement plan and register it with the rules of its scoring.
 
     The crew's page and sheet are written with it.
+
+    Parameters
+    ----------
+    lane
+        TOML or CSV of the lane or lanes.
+    targets
+        CSV with kind, depth (m) and count.
+    seed
+        Seed to draw a plan again; who can guess it knows the plan. By default drawn, and printed.
+    spacing
+        Least distance between targets, m.
+    edge
+        Least distance to the lane's border, m.
+    recipe
+        What fixes a detector, registered with the plan.
+    book
+        Register; beside the plan by default.
+    halo
+        Halo radius that scores must use, m.
+    far
+        Operating point that scores must use, false alarms per m².
 
     Returns
     -------
@@ -216,13 +248,17 @@ def register_recipe(
         ),
     ],
     book: Annotated[PathLike, Option(help="Register of the plan.")],
-    model: Annotated[PathLike | None, "Model that it is run with, of `flgpr train`."] = None,
-    witness: Annotated[
-        PathLike | None,
-        "A file elsewhere that must hold the register's lines; new ones are added.",
-    ] = None,
+    model: PathLike | None = None,
+    witness: PathLike | None = None,
 ) -> dict[str, Any]:
     """Register what fixes your detector, before the truth is opened; scores then ask for it.
+
+    Parameters
+    ----------
+    model
+        Model that it is run with, of `flgpr train`.
+    witness
+        A file elsewhere that must hold the register's lines; new ones are added.
 
     Returns
     -------
@@ -269,18 +305,22 @@ def _check_json(returned: CheckedRegister, _: Arguments) -> dict[str, Any]:
 
 @command(lines=_check_lines, as_json=_check_json, quiet=False)
 def check_register(
-    book: Annotated[PathLike, "Register."],
-    report: Annotated[
-        Paths | None,
-        "Report of a score with this register (roc.json or its folder); several may be.",
-    ] = None,
-    witness: Annotated[
-        PathLike | None, "A file elsewhere that must hold the register's lines."
-    ] = None,
+    book: PathLike,
+    report: Paths | None = None,
+    witness: PathLike | None = None,
 ) -> CheckedRegister:
     """Check a register line by line.
 
     No line that a witness or a report knows may be missing.
+
+    Parameters
+    ----------
+    book
+        Register.
+    report
+        Report of a score with this register (roc.json or its folder); several may be.
+    witness
+        A file elsewhere that must hold the register's lines.
 
     Returns
     -------
@@ -319,13 +359,24 @@ def _survey_lines(
 
 @command(lines=_survey_lines)
 def survey_plan(
-    plan: Annotated[PathLike, "Plan that was emplaced."],
-    sheet: Annotated[PathLike, "Its sheet, filled in by the crew."],
+    plan: PathLike,
+    sheet: PathLike,
     output: Output,
-    book: Annotated[PathLike | None, "Register; the plan names its own."] = None,
-    within: Annotated[float, "Largest difference from the plan that is believed, m."] = 1.0,
+    book: PathLike | None = None,
+    within: float = 1.0,
 ) -> tuple[pd.DataFrame, dict[str, Any]]:
     """Read what was emplaced, write it as truth and register it in place of the plan.
+
+    Parameters
+    ----------
+    plan
+        Plan that was emplaced.
+    sheet
+        Its sheet, filled in by the crew.
+    book
+        Register; the plan names its own.
+    within
+        Largest difference from the plan that is believed, m.
 
     Returns
     -------

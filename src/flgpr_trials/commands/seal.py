@@ -31,29 +31,34 @@ def ask_new_passphrase() -> str:
 
 @command(python_values=lambda _: {"passphrase": ask_new_passphrase})
 def seal(
-    truth: Annotated[PathLike, "CSV of the targets."],
+    truth: PathLike,
     lane: Annotated[PathLike, lane_option("or a CSV of several")],
     output: Output,
-    halo: Annotated[float | None, "Halo radius in metres that scores use (1 m)."] = None,
-    show: Annotated[
-        str | None,
-        "What scores show: curve and counts (default) or also which targets are found.",
-        ShellType(Show),
-    ] = None,
-    book: Annotated[
-        PathLike | None,
-        "Register that scores then demand; a planned truth names its own.",
-    ] = None,
-    witness: Annotated[
-        PathLike | None,
-        "A file elsewhere that must hold the register's lines; new ones are added.",
-    ] = None,
+    halo: float | None = None,
+    show: Annotated[str | None, ShellType(Show)] = None,
+    book: PathLike | None = None,
+    witness: PathLike | None = None,
     *,
-    passphrase: Annotated[Any, "A text, or a function that asks for it."] = None,
+    passphrase: Any = None,
 ) -> Path:
     """Encrypt a truth with its lane or lanes and rules for blind scoring.
 
     A planned truth is sealed with its register: scores then demand it, with the recipe in it.
+
+    Parameters
+    ----------
+    truth
+        CSV of the targets.
+    halo
+        Halo radius in metres that scores use (1 m).
+    show
+        What scores show: curve and counts (default) or also which targets are found.
+    book
+        Register that scores then demand; a planned truth names its own.
+    witness
+        A file elsewhere that must hold the register's lines; new ones are added.
+    passphrase
+        A text, or a function that asks for it.
 
     Returns
     -------

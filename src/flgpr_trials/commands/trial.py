@@ -33,12 +33,21 @@ def _new_lines(trial: TrialFolder, _: Arguments) -> Iterator[Any]:
 def trial_new(
     home: Folder,
     pd_claim: Annotated[float, Option("--pd", help="Probability of detection to be shown.")] = 0.9,
-    far: Annotated[float, "At this false alarm rate, per m²."] = 0.05,
-    confidence: Annotated[float, "With this confidence."] = 0.95,
-    halo: Annotated[float, "Halo radius, m."] = 1.0,
+    far: float = 0.05,
+    confidence: float = 0.95,
+    halo: float = 1.0,
     lane: Annotated[PathLike | None, lane_option("or of several; an example by default")] = None,
 ) -> TrialFolder:
     """Begin a trial: write its folder, and register what a detector has to show.
+
+    Parameters
+    ----------
+    far
+        At this false alarm rate, per m².
+    confidence
+        With this confidence.
+    halo
+        Halo radius, m.
 
     Returns
     -------
@@ -93,21 +102,28 @@ def _intake_json(intake: Intake, _: Arguments) -> dict[str, Any]:
 )
 def trial_intake(
     home: Folder,
-    vendor: Annotated[str, "Whose list it is."],
-    alarms: Annotated[PathLike, "The list (CSV)."],
-    signed: Annotated[
-        str | None, "Name of the person who has looked at the page and signs the list."
-    ] = None,
+    vendor: str,
+    alarms: PathLike,
+    signed: str | None = None,
     columns: Columns = None,
     anchor: ListAnchor = None,
     unranked: Unranked = False,
-    unit: Annotated[
-        str | None, "Unit of x and y where the header states none: m, ft, cm, ..."
-    ] = None,
+    unit: str | None = None,
 ) -> Intake:
     """Show a vendor's list before it is scored, and register it once a person signs it.
 
-    No truth is opened. A list that is signed again takes the place of the one before.
+    No truth is opened.
+
+    Parameters
+    ----------
+    vendor
+        Whose list it is.
+    alarms
+        The list (CSV).
+    signed
+        Name of the person who has looked at the page and signs the list.
+    unit
+        Unit of x and y where the header states none: m, ft, cm, ...
 
     Returns
     -------
@@ -120,6 +136,10 @@ def trial_intake(
         If the truth was opened, the file cannot be read, or what is signed is doubtful.
     FileNotFoundError
         If there is no such trial or list.
+
+    Notes
+    -----
+    A list that is signed again takes the place of the one before.
     """
     from flgpr.commands.positions import table_reading
     from flgpr.commands.scoring import borders, read_lanes
