@@ -42,12 +42,7 @@ def _lines(fit: dict[str, Any], call: Arguments) -> Iterator[str | Path]:
             yield path
 
 
-def _as_json(fit: dict[str, Any], _: Arguments) -> dict[str, Any]:
-    """Return the fit as it is."""
-    return fit
-
-
-@command(lines=_lines, as_json=_as_json, quiet=False)
+@command(lines=_lines, as_json=True, quiet=False)
 def anchor(
     points: PathLike,
     crs: str | None = None,

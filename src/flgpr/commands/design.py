@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flgpr.commands.options import Output, Progress
-from flgpr.commands.shell import Arguments, command
+from flgpr.commands.shell import Arguments, command, options_given
 
 if TYPE_CHECKING:
     import pandas as pd
 
+_TABLE = "Signal to clutter"
 _DEPTH = 0.05  # m, of the mines of the page
 
 
@@ -47,7 +48,7 @@ def _check_json(call: Arguments) -> dict[str, Any]:
     as_json=_as_json,
     python_values=_check_json,
     panels={
-        "Signal to clutter": (
+        _TABLE: (
             "signal_to_clutter",
             "body",
             "distance",
@@ -133,23 +134,13 @@ def design(
     FileExistsError
         If another page is at the output.
     """
+    asked = locals()
     from flgpr.progress import silent
 
     sensors = [sensor, *(compare or [])]
     if not signal_to_clutter:
-        only_for_table = {
-            "`body`": body,
-            "`distance`": distance,
-            "`height`": height,
-            "`permittivity`": permittivity,
-            "`loss_tangent`": loss_tangent,
-            "`correlation_length`": correlation_length,
-            "`unevenness`": unevenness,
-            "`measure`": measure,
-        }
-        for name, value in only_for_table.items():
-            if value is not None:
-                raise ValueError(f"{name} goes with signal_to_clutter, got it without")
+        for name in options_given(design, asked, _TABLE):
+            raise ValueError(f"`{name}` goes with signal_to_clutter, got it without")
         depths = depth or [_DEPTH]
         if len(depths) > 1:
             raise ValueError(
@@ -160,9 +151,10 @@ def design(
 
         question = Question(band, window, site, depths[0], rms)
         return design_report(sensors, output, question, track or silent)
-    from flgpr.commands.designing import signal_to_clutter_tables
+    from flgpr.design import signal_to_clutter as formulas
     from flgpr.design.grounds import ground_model
-    from flgpr.design.signal_to_clutter import Viewing
+    from flgpr.model import load_sensor
+    from flgpr.simulate.bodies.signature import packaged_bodies
 
     ground = ground_model(
         site,
@@ -172,15 +164,25 @@ def design(
         correlation_length=correlation_length,
         unevenness=unevenness,
     )
-    viewing = Viewing(
-        distance=Viewing.distance if distance is None else distance,
+    viewing = formulas.Viewing(
+        distance=formulas.Viewing.distance if distance is None else distance,
         height=height,
         subbands=None if band is None else {"band": band},
         window=window,
     )
-    return signal_to_clutter_tables(
-        sensors, ground, viewing, bodies=body, depths=depth, seeds=measure, track=track or silent
-    )
+    bodies = list(body or packaged_bodies())
+    depths = list(depth or formulas.DEPTHS)
+    tables = []
+    for array in map(load_sensor, sensors):
+        table = formulas.expected_signal_to_clutter(array, ground, bodies, depths, viewing)
+        if measure is not None:
+            measured = formulas.measure_signal_to_clutter(
+                array, ground, bodies, depths, viewing, seeds=measure, track=track or silent
+            )
+            table["measured_db"] = measured["signal_to_clutter_db"]
+            table[["low_db", "high_db"]] = measured[["low_db", "high_db"]]
+        tables.append(table)
+    return tables
 
 
 def _rich_table(table: pd.DataFrame) -> Any:

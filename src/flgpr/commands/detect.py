@@ -40,6 +40,9 @@ TRAINED_ON_THIS_RUN = (
 )
 
 
+_TRUST = ("unlike", "far", "stands_out")  # what a result says of its alarms
+
+
 def _before(call: Arguments) -> Iterator[str]:
     """Yield which recipe is used where none is named."""
     if call.recipe is None:
@@ -83,12 +86,10 @@ def _lines_of_result(result: Result) -> Iterator[str]:
         yield finding["sentence"]
     if "health" in run:
         yield f"`flgpr check {run['path']}` says what else may be wrong, and what to try"
-    yield from run.get("searched", {}).get("notes", [])
-    if run.get("trained_on_this_run"):
-        yield TRAINED_ON_THIS_RUN
-    yield from run.get("unlike", {}).get("notes", [])
-    yield from run.get("far", {}).get("notes", [])
-    yield from run.get("stands_out", {}).get("notes", [])
+    for name in ("searched", *_TRUST):
+        if name == "unlike" and run.get("trained_on_this_run"):
+            yield TRAINED_ON_THIS_RUN
+        yield from run.get(name, {}).get("notes", [])
     page = (result.folder / "report.html").resolve()
     yield f"{len(result.detections[0].alarms)} alarms; report: {page}"
 
@@ -108,9 +109,7 @@ def _summary(result: Result) -> dict[str, Any]:
         "implausible_scans": run.get("motion", {}).get("scans", []),
         "searched": run.get("searched", {}),
         "trained_on_this_run": bool(run.get("trained_on_this_run", False)),
-        "unlike": run.get("unlike", {}),
-        "far": run.get("far", {}),
-        "stands_out": run.get("stands_out", {}),
+        **{name: run.get(name, {}) for name in _TRUST},
         "result": str(result.folder),
     }
     if "health" in run:

@@ -17,7 +17,7 @@ from flgpr.commands.options import (
     anchor_option,
     size_in_bytes,
 )
-from flgpr.commands.shell import Arguments, command
+from flgpr.commands.shell import Arguments, command, options_given
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,12 +33,7 @@ FromTrack = Annotated[
 ]
 
 
-def written_lines(written: list[Path], _: Arguments) -> Iterator[Path]:
-    """Yield the files that were written."""
-    yield from written
-
-
-@command(lines=written_lines)
+@command()
 def import_fullwave(
     archive: PathLike,
     output: Output,
@@ -69,6 +64,17 @@ def import_fullwave(
     return store_with_tables(lane.run, Path(output), {"truth": lane.truth, "objects": lane.objects})
 
 
+_OF_TRACKS = (
+    "clock_offset",
+    "lever_arm",
+    "latency",
+    "max_gap",
+    "above_ground",
+    "body",
+    "axes",
+)
+
+
 def _mapped_lines(imported: Imported, call: Arguments) -> Iterator[str | Path]:
     """Yield the notes of the import, and the store."""
     yield from imported.notes
@@ -78,18 +84,8 @@ def _mapped_lines(imported: Imported, call: Arguments) -> Iterator[str | Path]:
 @command(
     lines=_mapped_lines,
     panels={
-        "Positions": (
-            "survey",
-            "track",
-            "anchor",
-            "anchor_from_track",
-            "clock_offset",
-            "lever_arm",
-            "latency",
-            "max_gap",
-            "above_ground",
-        ),
-        "OptiTrack Motive": ("body", "axes"),
+        "Positions": ("survey", "track", "anchor", "anchor_from_track", *_OF_TRACKS[:-2]),
+        "OptiTrack Motive": _OF_TRACKS[-2:],
     },
     resumes=True,
 )
@@ -161,21 +157,13 @@ def import_mapped(
     -----
     An interrupted import resumes with the next scan.
     """
+    asked = locals()
     from flgpr.commands.importing import check_parent_folder, store_mapped, track_and_anchor
     from flgpr.formats.mapped import import_mapped as read_mapped
     from flgpr.formats.tracks import read_survey
     from flgpr.model.track import reference_track
 
-    of_tracks = {
-        "clock_offset": clock_offset != 0,
-        "lever_arm": any(lever_arm),
-        "latency": latency != 0,
-        "body": body is not None,
-        "axes": axes is not None,
-        "max_gap": max_gap != 1.0,
-        "above_ground": above_ground is not None,
-    }
-    dropped = [name for name, is_given in of_tracks.items() if is_given]
+    dropped = [name for name in options_given(import_mapped, asked) if name in _OF_TRACKS]
     if track is None and dropped:
         raise ValueError(
             f"{', '.join(dropped)}: these are of `track`, got none; those of the mapping's own "

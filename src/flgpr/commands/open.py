@@ -46,7 +46,7 @@ def _lines(opened: Opened, _: Arguments) -> Iterator[str | Path]:
     yield f"next: {opened.next}"
 
 
-@command(lines=_lines, as_json=lambda opened, _: opened.as_json(), quiet=False)
+@command(lines=_lines, as_json=True, quiet=False)
 def open_files(
     paths: OneOrMorePaths,
     output: Annotated[

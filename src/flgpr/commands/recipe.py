@@ -117,7 +117,7 @@ def _suggestion_lines(suggestions: Suggestions, call: Arguments) -> Iterator[Any
 
 @command(
     lines=_suggestion_lines,
-    as_json=lambda suggestions, _: suggestions.as_json(),
+    as_json=True,
     quiet=False,
 )
 def suggest_recipe(run: RunArgument) -> Suggestions:

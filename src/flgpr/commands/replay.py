@@ -29,7 +29,7 @@ def _lines(outcome: dict[str, Any], _: Arguments) -> Iterator[str]:
 
 @command(
     lines=_lines,
-    as_json=lambda outcome, _: outcome,
+    as_json=True,
     status=lambda outcome: 0 if outcome["agrees"] else 1,
     always_printed=True,
 )
