@@ -11,7 +11,7 @@ from flgpr.design.signal_to_clutter import DEPTHS, Viewing, expected_signal_to_c
 from flgpr.model import load_sensor
 
 ASKED = {"permittivity": 6.0, "loss_tangent": 0.02, "band": (0.75e9, 0.95e9)}
-GROUND = ground_model(permittivity=6.0, loss_tangent=0.02)
+GROUND = ground_model("arid-sand", permittivity=6.0, loss_tangent=0.02)
 BAND = Viewing(subbands={"band": (0.75e9, 0.95e9)})
 
 

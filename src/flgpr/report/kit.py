@@ -18,6 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 import flgpr
 from flgpr.model import Lane
@@ -149,6 +150,15 @@ def shaded(
     return axes.pcolormesh(
         x, y, values, vmin=low, vmax=high, cmap=colours, shading=shading, rasterized=True
     )
+
+
+def lane_patch(lane: Lane, along: bool = False, **style: Any) -> Rectangle:
+    """Return the outline of a lane, x to the right or, along the picture, y."""
+    corner = (lane.x_min, lane.y_min)
+    size = (lane.x_max - lane.x_min, lane.y_max - lane.y_min)
+    if along:
+        corner, size = corner[::-1], size[::-1]
+    return Rectangle(corner, *size, **style)
 
 
 def decibels(view: xr.DataArray) -> FloatArray:

@@ -14,13 +14,12 @@ import pandas as pd
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from flgpr.model import Lane
 from flgpr.report.answer import MOST_PLACES, outstanding_alarms
 from flgpr.report.figures import DYNAMIC_RANGE
-from flgpr.report.kit import decibels, shaded, strongest
+from flgpr.report.kit import decibels, lane_patch, shaded, strongest
 from flgpr.results.result import Result, thinned
 from flgpr.scoring import Score
 from flgpr.screen import select
@@ -72,7 +71,7 @@ def score_overview(scored: Score, objects: pd.DataFrame | None = None) -> Figure
     for number, (axes, lane) in enumerate(zip(strips, lanes.values(), strict=False)):
         alarms = scored.labels[scored.matched.alarm_lane == number]
         targets = scored.outcomes[scored.matched.target_lane == number]
-        axes.add_patch(_lane_patch(lane, fc=_ROAD, ec="#6f6552", lw=1.2, zorder=0.5))
+        axes.add_patch(lane_patch(lane, along=True, fc=_ROAD, ec="#6f6552", lw=1.2, zorder=0.5))
         if objects is not None:
             for kind, group in objects.groupby("kind", sort=False):
                 marker = "s" if kind == "post" else "D"
@@ -93,14 +92,12 @@ def _draw_scored_alarms(axes: Axes, alarms: pd.DataFrame, threshold: float) -> N
 
     Alarms that hit a target are not drawn: the target's mark says that it was found.
     """
-    is_raised = (alarms["confidence"] >= threshold).to_numpy()
-    is_false = (alarms["label"] == "false").to_numpy()
-    is_outside = (alarms["label"] == "outside").to_numpy()
-    false_alarms = alarms[is_raised & is_false]
-    outside_alarms = alarms[is_raised & is_outside]
+    is_raised = alarms["confidence"] >= threshold
     _draw_points(axes, alarms[~is_raised], ".", _WEAK, 3, "alarm too weak to count")
-    _draw_points(axes, false_alarms, "x", _FALSE, 9, "false alarm")
-    _draw_points(axes, outside_alarms, "+", _WEAK, 9, "alarm beside the lane")
+    raised = alarms[is_raised]
+    _draw_points(axes, raised[raised["label"] == "false"], "x", _FALSE, 9, "false alarm")
+    outside = raised[raised["label"] == "outside"]
+    _draw_points(axes, outside, "+", _WEAK, 9, "alarm beside the lane")
 
 
 def alarm_overview(
@@ -126,7 +123,7 @@ def alarm_overview(
     """
     figure, strips = _strips({"": lane})
     axes = strips[0]
-    axes.add_patch(_lane_patch(lane, fc=_ROAD, ec="#6f6552", lw=1.2, zorder=0.5))
+    axes.add_patch(lane_patch(lane, along=True, fc=_ROAD, ec="#6f6552", lw=1.2, zorder=0.5))
     shown = alarms[:most]
     if border is None:
         sizes = np.linspace(_LARGEST_MARK, _SMALLEST_MARK, len(shown))
@@ -183,10 +180,10 @@ def before_and_after(result: Result) -> tuple[Figure, Figure] | None:
     before = select(main.view, screen.polarization, screen.subband)
     after = select(cleaned[0].view, screen.polarization, screen.subband)
     top = strongest(before, result.lane)
-    figures = []
-    for view, alarms in ((before, main.alarms), (after, cleaned[0].alarms)):
-        figures.append(_radar_figure(view, alarms, result.lane, top))
-    return figures[0], figures[1]
+    return (
+        _radar_figure(before, main.alarms, result.lane, top),
+        _radar_figure(after, cleaned[0].alarms, result.lane, top),
+    )
 
 
 def _radar_figure(view: xr.DataArray, alarms: pd.DataFrame, lane: Lane, top: float) -> Figure:
@@ -200,7 +197,7 @@ def _radar_figure(view: xr.DataArray, alarms: pd.DataFrame, lane: Lane, top: flo
     view = thinned(view, math.ceil(view.sizes["y"] / _COLUMNS))
     level = decibels(view).T - top
     shaded(axes, view["y"], view["x"], level, (-DYNAMIC_RANGE, 0))
-    axes.add_patch(_lane_patch(lane, fill=False, ec="white", ls="-.", lw=1.4))
+    axes.add_patch(lane_patch(lane, along=True, fill=False, ec="white", ls="-.", lw=1.4))
     axes.plot(alarms["y"], alarms["x"], "o", mfc="none", mec="white", ms=7, mew=1.3)
     _frame(axes, lane)
     return figure
@@ -254,12 +251,6 @@ def _frame(axes: Axes, lane: Lane) -> None:
     axes.set_ylabel("across (m)", fontsize=8)
     axes.tick_params(labelsize=8)
     axes.set_facecolor(_GROUND)
-
-
-def _lane_patch(lane: Lane, **style: Any) -> Rectangle:
-    """Return the outline of a lane that lies along the picture."""
-    corner = (lane.y_min, lane.x_min)
-    return Rectangle(corner, lane.y_max - lane.y_min, lane.x_max - lane.x_min, **style)
 
 
 def _draw_points(
