@@ -26,8 +26,6 @@ _LOWEST_STRIP = 1.1  # inches
 _HIGHEST_STRIP = 3.5
 _EDGE = 0.1  # m from the edge of the drawing, where marks stand that lie farther out
 _MOST_DROPPED = 200  # dropped rows that a page lists
-# Mines are emplaced to the centimetre; depths have a digit more.
-_DIGITS = {"depth_m": ".3f"}
 
 
 def sheet_html(
@@ -58,27 +56,19 @@ def sheet_html(
     str
         The page, HTML without references to other files.
     """
-    columns = ("x_m", "y_m", "depth_m", "easting_m", "northing_m")
-    numbers = [column for column in columns if column in sheet]
-    texts = sheet.copy()
-    for column in numbers:
-        digits = _DIGITS.get(column, ".2f")
-        texts[column] = [format(value, digits) for value in sheet[column]]
-
+    # Mines are emplaced to the centimetre; depths have a digit more.
+    digits = {"x_m": 2, "y_m": 2, "depth_m": 3, "easting_m": 2, "northing_m": 2}
+    cells = [f"{{{name}:.{count}f}}" for name, count in digits.items() if name in sheet]
     entries = []
     for lane_name, lane in lanes.items():
-        on_lane = pd.Series(data=True, index=sheet.index)
+        rows = sheet
         if "lane" in sheet:
-            on_lane = sheet["lane"].astype(str) == lane_name
-        maps = lane_maps(lane, sheet[on_lane])
-        rows = texts.loc[on_lane, ["target_id", "kind", *numbers]]
-        entries.append((lane_name, lane, maps, rows.to_numpy().tolist()))
-
+            rows = sheet[sheet["lane"].astype(str) == lane_name]
+        texts = table_rows(rows, ["{target_id}", "{kind}", *cells])
+        entries.append((lane_name, lane, lane_maps(lane, rows), texts))
     sigma = None
-    crs = None
     if anchor is not None:
         sigma = float(anchor.uncertainty(sheet["x_m"], sheet["y_m"]).max())
-        crs = anchor.utm()
     return render(
         "sheet.html",
         "flgpr_trials",
@@ -86,7 +76,7 @@ def sheet_html(
         name=name,
         digest=digest,
         count=len(sheet),
-        crs=crs,
+        crs=None if anchor is None else anchor.utm(),
         sigma=sigma,
     )
 
@@ -116,7 +106,10 @@ def lane_maps(lane: Lane, marks: pd.DataFrame, margin: float = 0.5) -> list[Figu
     height_to_scale = 10.0 * (width + 2 * margin) / (length + 2 * margin) + 0.55
     strip_height = min(_HIGHEST_STRIP, max(_LOWEST_STRIP, height_to_scale))
     kinds = sorted(map(str, marks["kind"].unique()))
-    styles = {kind: _marker_style(number) for number, kind in enumerate(kinds)}
+    styles: dict[str, dict[str, Any]] = {}
+    for number, kind in enumerate(kinds):
+        shape = {"marker": MARKS[number % len(MARKS)], "color": COLOURS[number % len(COLOURS)]}
+        styles[kind] = {**shape, "mfc": "white", "mew": 1.6, "ls": "none"}
     figures = []
     for first in range(0, count, _STRIPS):
         strips = range(first, min(first + _STRIPS, count))
@@ -138,17 +131,6 @@ def lane_maps(lane: Lane, marks: pd.DataFrame, margin: float = 0.5) -> list[Figu
         figure.supxlabel("y (m), direction of travel →", fontsize=9)
         figures.append(figure)
     return figures
-
-
-def _marker_style(number: int) -> dict[str, Any]:
-    """Return the marker of a kind of mark by its number."""
-    return {
-        "marker": MARKS[number % len(MARKS)],
-        "color": COLOURS[number % len(COLOURS)],
-        "mfc": "white",
-        "mew": 1.6,
-        "ls": "none",
-    }
 
 
 def _draw_strip(

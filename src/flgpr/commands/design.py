@@ -13,7 +13,6 @@ from flgpr.commands.shell import Arguments, command, options_given
 if TYPE_CHECKING:
     import pandas as pd
 
-_TABLE = "Signal to clutter"
 _DEPTH = 0.05  # m, of the mines of the page
 
 
@@ -47,19 +46,6 @@ def _check_json(call: Arguments) -> dict[str, Any]:
     lines=_lines,
     as_json=_as_json,
     python_values=_check_json,
-    panels={
-        _TABLE: (
-            "signal_to_clutter",
-            "body",
-            "distance",
-            "height",
-            "permittivity",
-            "loss_tangent",
-            "correlation_length",
-            "unevenness",
-            "measure",
-        ),
-    },
 )
 def design(
     sensor: str,
@@ -103,6 +89,9 @@ def design(
         Rms height of the surface, m; the site's by default.
     depth
         Depth of the mines' top, m; may repeat with --signal-to-clutter.
+
+    Signal to clutter
+    -----------------
     signal_to_clutter
         Print the expected signal to clutter of bodies; write no page.
     body
@@ -139,7 +128,7 @@ def design(
 
     sensors = [sensor, *(compare or [])]
     if not signal_to_clutter:
-        for name in options_given(design, asked, _TABLE):
+        for name in options_given(design, asked, "Signal to clutter"):
             raise ValueError(f"`{name}` goes with signal_to_clutter, got it without")
         depths = depth or [_DEPTH]
         if len(depths) > 1:

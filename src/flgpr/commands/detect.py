@@ -145,11 +145,6 @@ def _typed(function: Callable[Concatenate[Any, P], Any]) -> OneOrList[P]:
     as_json=_as_json,
     lines_before=_before,
     python_values=_one_run,
-    panels={
-        "Recipe and lane": ("recipe", "model", "lane", "others"),
-        "Trust": ("unlike", "far"),
-        "Work": ("workers", "scheduler", "lanes_at_once", "max_memory", "section"),
-    },
     resumes=True,
     compiles_kernels=True,
 )
@@ -190,24 +185,38 @@ def detect(
     ----------
     runs
         Run stores; several make a survey.
-    recipe
-        Packaged recipe or TOML file; else one is made for the run.
-    model
-        Model of `flgpr train` for the recipe.
-    max_memory
-        Memory of each process; larger lanes are processed in sections.
-    section
-        Longest section of a lane, m, for recipes without variants.
-    unlike
-        On ground unlike the model's training: rank by contrast (fallback), keep, or refuse.
-    far
-        False alarms per m² to state a threshold for; alarms above it are marked.
     report
         Whether to write report.html now; scoring writes it anew.
     note
         Takes a report of every piece of work that was done.
     pass_cache
         Folder of backgrounds and run-views that other recipes share.
+
+    Recipe and lane
+    ---------------
+    recipe
+        Packaged recipe or TOML file; else one is made for the run.
+    model
+        Model of `flgpr train` for the recipe.
+    lane
+    others
+
+    Trust
+    -----
+    unlike
+        On ground unlike the model's training: rank by contrast (fallback), keep, or refuse.
+    far
+        False alarms per m² to state a threshold for; alarms above it are marked.
+
+    Work
+    ----
+    workers
+    scheduler
+    lanes_at_once
+    max_memory
+        Memory of each process; larger lanes are processed in sections.
+    section
+        Longest section of a lane, m, for recipes without variants.
 
     Returns
     -------

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from flgpr.commands.radargram import Radargram
 
 _OF_BOTH = {"run", "output", "scans", "scan", "permittivity"}  # of runs and of recordings
-_DRAWN = "Recordings"  # the box of the options that a recording alone has
 
 
 def _lines(drawn: Picture | Slices | Radargram, call: Arguments) -> Iterator[str | Path]:
@@ -39,12 +38,6 @@ def _lines(drawn: Picture | Slices | Radargram, call: Arguments) -> Iterator[str
 @command(
     lines=_lines,
     as_json=True,
-    panels={
-        "Ground": ("x", "y", "z", "at_x", "at_y", "at_z", "depth", "spacing"),
-        "Scans and band": ("scans", "scan", "polarization", "band", "window", "reach"),
-        "Waves in the ground": ("permittivity", "ground"),
-        _DRAWN: ("channel", "until", "dewow", "background", "gain", "step_window"),
-    },
 )
 def image(
     run: PathLike,
@@ -87,6 +80,9 @@ def image(
     ----------
     run
         Run store, or a recording (.dzt, .dt1, ...), whose traces are drawn as they are.
+
+    Ground
+    ------
     x
         Limits, m, in the lane frame.
     y
@@ -99,8 +95,13 @@ def image(
         One y, for a section along x.
     at_z
         One z; 0 by default.
+    depth
+        Depth slices in place of z: a depth below z = 0, m; may repeat.
     spacing
         Of pixels, m; a quarter of the wavelength by default.
+
+    Scans and band
+    --------------
     scans
         First and last scan to sum; all by default.
     scan
@@ -111,14 +112,19 @@ def image(
         GHz; all tones by default.
     window
         boxcar, hann, hamming or taylor.
+    reach
+        Largest distance of an antenna from the pixels it contributes to, m.
+
+    Waves in the ground
+    -------------------
     permittivity
         Permittivity along all paths: the ground's, for antennas on it.
     ground
         Permittivity of ground below z = 0 that refracts.
-    reach
-        Largest distance of an antenna from the pixels it contributes to, m.
-    depth
-        Depth slices in place of z: a depth below z = 0, m; may repeat.
+
+    Recordings
+    ----------
+    channel
     until
         Recording: last two-way time, ns; all by default.
     dewow
@@ -149,7 +155,7 @@ def image(
 
     outputs = one_or_more(output)
     limits = scans if scan is None else (scan, scan)
-    of_recordings = options_given(image, asked, _DRAWN)
+    of_recordings = options_given(image, asked, "Recordings")
     of_runs = [
         name for name in options_given(image, asked) if name not in (*of_recordings, *_OF_BOTH)
     ]

@@ -83,10 +83,6 @@ def _mapped_lines(imported: Imported, call: Arguments) -> Iterator[str | Path]:
 
 @command(
     lines=_mapped_lines,
-    panels={
-        "Positions": ("survey", "track", "anchor", "anchor_from_track", *_OF_TRACKS[:-2]),
-        "OptiTrack Motive": _OF_TRACKS[-2:],
-    },
     resumes=True,
 )
 def import_mapped(
@@ -120,26 +116,34 @@ def import_mapped(
         Mapping (TOML): which variable is what, in which unit.
     data
         Data file in place of the mapping's own; may repeat.
+    max_memory
+        Largest array that is read.
+
+    Positions
+    ---------
     survey
         CSV of surveyed poses, a line per scan.
     track
         CSV track, take of Motive, or NMEA log.
+    anchor
+    anchor_from_track
     clock_offset
         The track's clock less the radar's, s.
     lever_arm
         Positioning antenna in the vehicle frame, m: x y z.
     latency
         Delay of the track's time stamps, s.
-    max_memory
-        Largest array that is read.
-    body
-        Rigid body, if the track is a take of OptiTrack Motive.
-    axes
-        Motive's axes that are x, y, z of the lane, such as x,-z,y.
     max_gap
         Longest gap in the fixes of a track, s.
     above_ground
         Height of an NMEA log's antenna above the ground, m, in place of the log's.
+
+    OptiTrack Motive
+    ----------------
+    body
+        Rigid body, if the track is a take of OptiTrack Motive.
+    axes
+        Motive's axes that are x, y, z of the lane, such as x,-z,y.
 
     Returns
     -------

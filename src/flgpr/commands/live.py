@@ -120,13 +120,7 @@ def _print_event(line: str) -> None:
         "no_browser": "With --view: print the address only.",
     },
     python_values=lambda call: {} if call.quiet else {"emit": _print_event},
-    panels={
-        "Where scans come from": ("socket", "tcp", "secret_file", "rate"),
-        "Recipe and lane": ("recipe", "model", "lane", "anchor"),
-        "Detection": ("looks", "warm_up", "span", "worth"),
-        "Vehicle": ("speed", "threshold", "reaction", "deceleration", "front"),
-        "Page": ("view", "no_browser"),
-    },
+    panels={"Page": ("view", "no_browser")},
     compiles_kernels=True,
 )
 def live(
@@ -170,36 +164,54 @@ def live(
 
     Parameters
     ----------
+    snapshot
+        Scans between snapshots; 0 writes only the last.
+    idle
+        End after this time without a scan, s.
+    mcap
+        At the end write live.mcap, which Foxglove plays.
+    emit
+        Takes every event, a line of JSON; none by default.
+
+    Where scans come from
+    ---------------------
+    socket
+    tcp
+    secret_file
+    rate
+        Recording: scans per second, 0 as fast as it can; default as recorded.
+
+    Recipe and lane
+    ---------------
     recipe
         Packaged recipe or TOML file; else one is made for the run.
     model
         Trained classifier.
+    lane
+    anchor
+
+    Detection
+    ---------
+    looks
+        Scans that must have seen a point before an alarm.
+    warm_up
+    span
+        Scans that the background is estimated from; all by default.
+    worth
+        Probability of another decision from which an alarm advises one more look.
+
+    Vehicle
+    -------
     speed
         Speed of the vehicle, km/h: alarms then state whether it can stop.
+    threshold
+        Confidence from which an alarm counts; default the recipe's, else all.
     reaction
         Time until the brakes hold, s; default the recipe's.
     deceleration
         Deceleration of the braking vehicle, m/s²; default the recipe's.
     front
         Vehicle's foremost point ahead of the array, m; default the recipe's.
-    looks
-        Scans that must have seen a point before an alarm.
-    span
-        Scans that the background is estimated from; all by default.
-    snapshot
-        Scans between snapshots; 0 writes only the last.
-    idle
-        End after this time without a scan, s.
-    threshold
-        Confidence from which an alarm counts; default the recipe's, else all.
-    rate
-        Recording: scans per second, 0 as fast as it can; default as recorded.
-    worth
-        Probability of another decision from which an alarm advises one more look.
-    mcap
-        At the end write live.mcap, which Foxglove plays.
-    emit
-        Takes every event, a line of JSON; none by default.
 
     Returns
     -------

@@ -26,6 +26,7 @@ from typer.models import ArgumentInfo, OptionInfo
 from flgpr.commands.messages import GOES_ON, STOPPED, is_unchanged, plain_errors, say
 from flgpr.commands.signatures import (
     Parameter,
+    documentation_of,
     flag,
     help_of,
     parameters_of,
@@ -87,7 +88,8 @@ class Command:
     #: context of call and output, such as a page that stays open
     context: Callable[[Arguments], AbstractContextManager[Any]] | None = None
     shell_flags: Mapping[str, str] = field(default_factory=dict)  #: of the command line alone: help
-    #: names of parameters by the title of the box in which the help shows them
+    #: names of parameters by the title of the box in which the help shows them, beside what the
+    #: docstring says
     panels: Mapping[str, Sequence[str]] = field(default_factory=dict)
     quiet: bool = True  #: whether there is --quiet
     always_printed: bool = False  #: whether its lines are the answer, printed even when quiet
@@ -118,12 +120,12 @@ def command(**fields: Any) -> Callable[[F], F]:
     """
 
     def decorate(function: F) -> F:
-        described = Command(function, **fields)
+        said = documentation_of(function)
+        panels = {**said.panels, **fields.pop("panels", {})}
+        described = Command(function, panels=panels, **fields)
         parameters = described.parameters
         function.__dict__["command"] = described
-        function.__doc__ = python_documentation(
-            function.__doc__ or "", parameters, described.panels
-        )
+        function.__doc__ = python_documentation(said.text, parameters, panels)
         function.__dict__["__signature__"] = python_signature(function, parameters)
         return function
 

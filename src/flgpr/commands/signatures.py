@@ -18,7 +18,7 @@ from flgpr.commands.options import ShellDefault, ShellType
 _EMPTY = inspect.Parameter.empty
 _SEQUENCES = (Sequence, list)
 _LINE = 94  # characters
-_SECTIONS = re.compile(r"^(?=(?:Returns|Raises|Notes)\n-+$)", re.MULTILINE)
+_SECTIONS = ("Returns", "Raises", "Notes")
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,42 @@ class Parameter:
     shell_default: Any  #: ``inspect.Parameter.empty`` where the command line must be given it
 
 
+@dataclass(frozen=True)
+class Documentation:
+    """What the docstring of a command says."""
+
+    text: str  #: without what it says of the parameters
+    sentences: dict[str, str]  #: on each parameter, by its name
+    #: names of parameters by the title of the box in which the help shows them
+    panels: dict[str, list[str]]
+
+
+def documentation_of(function: Callable[..., Any]) -> Documentation:
+    """Take the docstring of a command apart.
+
+    Besides "Parameters" it may have a section for every box of the help, with the parameters that
+    the box holds.
+    """
+    text, *sections = re.split(
+        r"^(\S.*)\n-+\n", inspect.cleandoc(function.__doc__ or ""), flags=re.MULTILINE
+    )
+    sentences = {}
+    panels = {}
+    for title, content in zip(sections[::2], sections[1::2], strict=True):
+        if title in _SECTIONS:
+            text += f"{title}\n{'-' * len(title)}\n{content}"
+            continue
+        names = []
+        for entry in re.split(r"\n(?=\S)", content.strip()):
+            name, _, sentence = entry.partition("\n")
+            names.append(name)
+            if sentence:
+                sentences[name] = " ".join(sentence.split())
+        if title != "Parameters":
+            panels[title] = names
+    return Documentation(text, sentences, panels)
+
+
 def parameters_of(function: Callable[..., Any]) -> list[Parameter]:
     """Return the parameters of a function, in the order of its signature.
 
@@ -46,24 +82,11 @@ def parameters_of(function: Callable[..., Any]) -> list[Parameter]:
     copy = types.FunctionType(function.__code__, function.__globals__)
     copy.__annotations__ = {name: function.__annotations__[name] for name in parameters}
     annotations = inspect.get_annotations(copy, eval_str=True)
-    _, sentences = without_parameters(function.__doc__ or "")
+    sentences = documentation_of(function).sentences
     return [
         _parameter(one, annotations[name], sentences.get(name, ""))
         for name, one in parameters.items()
     ]
-
-
-def without_parameters(text: str) -> tuple[str, dict[str, str]]:
-    """Return a docstring without the section of the parameters, and the sentence on each."""
-    before, *section = re.split(r"^Parameters\n-+\n", inspect.cleandoc(text), flags=re.MULTILINE)
-    if not section:
-        return before, {}
-    entries, *after = re.split(r"\n\n(?=\S)", section[0], maxsplit=1)
-    sentences = {}
-    for entry in re.split(r"\n(?=\S)", entries):
-        name, _, sentence = entry.partition("\n")
-        sentences[name] = " ".join(sentence.split())
-    return before + "".join(after), sentences
 
 
 def _parameter(declared: inspect.Parameter, annotation: Any, sentence: str) -> Parameter:
@@ -199,7 +222,9 @@ def python_documentation(
     It fits a screen: a parameter has a line, of a long help the first words; the boxes of the help
     of the command line but the first have a line each, by their titles.
     """
-    summary, *sections = _SECTIONS.split(without_parameters(text)[0], maxsplit=1)
+    summary, *sections = re.split(
+        rf"^(?=(?:{'|'.join(_SECTIONS)})\n-+$)", text, maxsplit=1, flags=re.MULTILINE
+    )
     known = [parameter.name for parameter in parameters]
     together = {}
     for title, names in list(panels.items())[1:]:

@@ -37,11 +37,6 @@ def _lines(written: SimulationOutput, _: Arguments) -> Iterator[str]:
 
 @command(
     lines=_lines,
-    panels={
-        "Scene and sensor": ("sensor", "seed", "worlds", "errors", "truth", "preview"),
-        "Full-wave solver": ("engine", "cells", "max_cells"),
-        "Work": ("restart", "force", "workers"),
-    },
     resumes=True,
 )
 def simulate_lane(
@@ -80,26 +75,37 @@ def simulate_lane(
     ----------
     scene
         Scene (TOML), or the word signature.
+
+    Scene and sensor
+    ----------------
     sensor
         Sensor preset, TOML file, or run store whose array it is.
     seed
         The same seed gives the same lane, bit for bit.
     worlds
         What of scene and sensor the seed draws anew, for training: any-road, or a TOML file.
-    preview
-        PNG of the scene to write.
+    errors
     truth
         CSV of the truth; by default NAME-truth.csv.
-    restart
-        Begin again where an interrupted run left scans.
-    force
-        Simulate or draw even where the estimate of memory or time is very large.
+    preview
+        PNG of the scene to write.
+
+    Full-wave solver
+    ----------------
     engine
         flgpr simulates; gprmax writes a full-wave solver's input files.
     cells
         gprmax: cells per wavelength at the highest tone in the soil.
     max_cells
         gprmax: largest model that is written.
+
+    Work
+    ----
+    restart
+        Begin again where an interrupted run left scans.
+    force
+        Simulate or draw even where the estimate of memory or time is very large.
+    workers
 
     Returns
     -------

@@ -39,10 +39,6 @@ def _train_lines(model: Model, call: Arguments) -> Iterator[Any]:  # noqa: ARG00
 
 @command(
     lines=_train_lines,
-    panels={
-        "Recipe and lanes": ("truths", "recipe", "features", "lanes", "others", "check"),
-        "Work": ("workers", "scheduler", "max_memory"),
-    },
     resumes=True,
     compiles_kernels=True,
 )
@@ -87,16 +83,29 @@ def train(
     ----------
     runs
         Run stores, one lane each.
-    recipe
-        Recipe with features, or with stages that learn.
-    max_memory
-        Memory of each process; a lane that takes more is refused.
     label_radius
         Largest distance of an alarm from the target that it hits, m.
     note
         Takes a report of every piece of work that was done.
     pass_cache
         Folder of backgrounds and run-views that other recipes share.
+
+    Recipe and lanes
+    ----------------
+    truths
+    recipe
+        Recipe with features, or with stages that learn.
+    features
+    lanes
+    others
+    check
+
+    Work
+    ----
+    workers
+    scheduler
+    max_memory
+        Memory of each process; a lane that takes more is refused.
 
     Returns
     -------

@@ -15,10 +15,6 @@ from flgpr.commands.shell import command
 
 @command(
     quiet=False,
-    panels={
-        "What is shown": ("live", "answers", "anchor", "backdrop", "verdicts"),
-        "Server": ("port", "host", "allow_remote", "no_browser"),
-    },
 )
 def view(
     paths: Annotated[
@@ -45,20 +41,26 @@ def view(
 
     Nothing is written, except with --verdicts and --answers.
 
-    Parameters
-    ----------
+    What is shown
+    -------------
+    live
+        JSON lines of a live detection to follow.
+    answers
+        With --live: keep what the driver answers to alarms in its folder.
+    anchor
+    backdrop
+    verdicts
+        JSON beside the result that keeps an analyst's verdicts and notes.
+
+    Server
+    ------
+    port
     host
         Address to listen on.
     allow_remote
         Let other machines see it.
     no_browser
         Print the address only.
-    live
-        JSON lines of a live detection to follow.
-    answers
-        With --live: keep what the driver answers to alarms in its folder.
-    verdicts
-        JSON beside the result that keeps an analyst's verdicts and notes.
 
     Raises
     ------

@@ -102,10 +102,6 @@ def _lane_lines(
 
 @command(
     lines=_lane_lines,
-    panels={
-        "Plan": ("seed", "spacing", "edge", "anchor"),
-        "Register": ("recipe", "book", "halo", "far"),
-    },
 )
 def plan_lane(
     lane: PathLike,
@@ -130,12 +126,19 @@ def plan_lane(
         TOML or CSV of the lane or lanes.
     targets
         CSV with kind, depth (m) and count.
+
+    Plan
+    ----
     seed
         Seed to draw a plan again; who can guess it knows the plan. By default drawn, and printed.
     spacing
         Least distance between targets, m.
     edge
         Least distance to the lane's border, m.
+    anchor
+
+    Register
+    --------
     recipe
         What fixes a detector, registered with the plan.
     book

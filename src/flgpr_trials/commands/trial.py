@@ -98,7 +98,6 @@ def _intake_json(intake: Intake, _: Arguments) -> dict[str, Any]:
 @command(
     lines=_intake_lines,
     as_json=_intake_json,
-    panels={"How the list is read": ("columns", "anchor", "unranked", "unit")},
 )
 def trial_intake(
     home: Folder,
@@ -122,6 +121,12 @@ def trial_intake(
         The list (CSV).
     signed
         Name of the person who has looked at the page and signs the list.
+
+    How the list is read
+    --------------------
+    columns
+    anchor
+    unranked
     unit
         Unit of x and y where the header states none: m, ft, cm, ...
 
