@@ -5,7 +5,7 @@ import pytest
 
 from flgpr.recipe.schema import recipe_text
 from flgpr.trials import content_hash, head_of, read_register, register
-from flgpr_trials.commands.registering import (
+from flgpr_trials.commands.scores import (
     default_register,
     enter_recipe,
     heads_of_reports,

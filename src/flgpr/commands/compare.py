@@ -14,7 +14,7 @@ from flgpr.commands.options import (
     one_or_more,
     output_option,
 )
-from flgpr.commands.score_options import (
+from flgpr.commands.score_request import (
     PANELS,
     Book,
     Columns,
@@ -29,9 +29,9 @@ from flgpr.commands.score_options import (
     path_of_list,
     require_lists,
     require_witnessed,
+    score_request,
     truth_path,
 )
-from flgpr.commands.score_request import score_request
 from flgpr.commands.score_text import comparison_lines, written_json
 from flgpr.commands.shell import Arguments, command
 

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from flgpr.commands.compared_recipes import DEMO_COMPARISONS, detect_compared
 from flgpr.commands.exports import map_bytes
 from flgpr.commands.messages import say
 from flgpr.commands.options import Output, Overwrite, PathLike, Progress
+from flgpr.commands.runs import DEMO_COMPARISONS, detect_compared
 from flgpr.commands.score_text import score_lines, score_summary
 from flgpr.commands.shell import Arguments, command
 

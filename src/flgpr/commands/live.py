@@ -236,7 +236,7 @@ def live(
         optional("mcap.writer", "bags")  # that it is missing is told before the drive
     played = None
     if incoming is not None and Path(incoming).is_file():
-        from flgpr.commands.recorded import read_recorded
+        from flgpr.commands.positions import read_recorded
 
         played = read_recorded(incoming, anchor)
     if speed is not None and not 0 < speed < 360:

@@ -181,8 +181,8 @@ def _draw(files: Sequence[Path], picture: Path) -> Path | None:
     from flgpr.formats.array_file import LIMIT
     from flgpr.formats.draft_groups import group_files
     from flgpr.formats.draft_roles import Roles
+    from flgpr.report.images import opened_figure
     from flgpr.report.kit import figure_png
-    from flgpr.report.opened import opened_figure
     from flgpr.store.outputs import write_new
 
     roles = Roles(group_files(list(files), LIMIT))

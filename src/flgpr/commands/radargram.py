@@ -203,7 +203,7 @@ def _chosen_traces(count: int, limits: tuple[int, int] | None) -> IntArray:
 
 def _figure(drawn: Radargram) -> Figure:
     """Draw a radargram."""
-    from flgpr.report.radargram import radargram_figure
+    from flgpr.report.images import radargram_figure
 
     return radargram_figure(
         drawn.values,

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flgpr.commands.compared_recipes import detect_compared
 from flgpr.commands.options import PathLike, Progress
+from flgpr.commands.runs import detect_compared
 from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from flgpr.commands.options import (
     one_or_more,
     output_option,
 )
-from flgpr.commands.score_options import (
+from flgpr.commands.score_request import (
     PANELS,
     Book,
     Columns,
@@ -38,9 +38,9 @@ from flgpr.commands.score_options import (
     refuse,
     require_lists,
     require_witnessed,
+    score_request,
     truth_path,
 )
-from flgpr.commands.score_request import score_request
 from flgpr.commands.score_text import score_lines, score_summary, written_json
 from flgpr.commands.shell import Arguments, ErrorStreamText, command, options_given
 from flgpr.commands.trials import needed_trials

@@ -15,17 +15,15 @@ from typing import Any
 
 import pandas as pd
 
-from flgpr.commands.entrants import Entrant, entrant_names, find_entrants
+from flgpr.commands.entrants import Entrant, entrant_names, find_entrants, ranking_notes
 from flgpr.commands.reach import (
     refuse_elsewhere,
     targets_in_reach,
     tell_doubts,
     tell_ranking_doubts,
 )
-from flgpr.commands.score_options import given, refuse
 from flgpr.commands.score_output import must_write, with_last, write_score_files
-from flgpr.commands.score_request import ScoreRequest
-from flgpr.commands.trial_card import ranking_notes
+from flgpr.commands.score_request import ScoreRequest, given, refuse
 from flgpr.commands.trials import REGISTER_COLUMN, installed_trials, needed_trials
 from flgpr.door import Folder, read_named, refuse_links
 from flgpr.model import Lane

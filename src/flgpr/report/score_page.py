@@ -13,7 +13,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from flgpr.report.answer import places_that_stand_out
 from flgpr.report.curve_figures import figure_bytes, patch_figure, roc_figure
 from flgpr.report.figures import (
     channel_figure,
@@ -22,7 +21,13 @@ from flgpr.report.figures import (
     run_view_figure,
 )
 from flgpr.report.kit import render, table_rows
-from flgpr.report.overview import alarm_overview, before_and_after, is_short, score_overview
+from flgpr.report.overview import (
+    alarm_overview,
+    before_and_after,
+    is_short,
+    places_that_stand_out,
+    score_overview,
+)
 from flgpr.report.trial_block import score_block
 from flgpr.results.description import left_out_scans, plausible_poses
 from flgpr.results.result import Result

@@ -174,7 +174,7 @@ def plan_lane(
     from flgpr.store.outputs import log_finished, output_exists_error, write_new
     from flgpr.store.tables import csv_text
     from flgpr_trials.commands import crew
-    from flgpr_trials.commands.registering import recipe_hash
+    from flgpr_trials.commands.scores import recipe_hash
     from flgpr_trials.folder import require_trial_rules, trial_register
     from flgpr_trials.ledger import content_hash, enter, read_register, require_unopened
 
@@ -275,7 +275,7 @@ def register_recipe(
     FileNotFoundError
         If the register, the file or the model is missing.
     """
-    from flgpr_trials.commands.registering import enter_recipe, with_witness
+    from flgpr_trials.commands.scores import enter_recipe, with_witness
 
     return enter_recipe(recipe, with_witness(book, witness), model)
 
@@ -336,7 +336,7 @@ def check_register(
         If a line was altered, or one that the witness or a report knows is missing; it names the
         line.
     """
-    from flgpr_trials.commands.registering import (
+    from flgpr_trials.commands.scores import (
         heads_of_reports,
         read_existing_register,
         with_witness,
@@ -405,7 +405,7 @@ def survey_plan(
     from flgpr.store.outputs import write_new
     from flgpr.store.tables import csv_text, parse_table
     from flgpr_trials.commands.crew import read_sheet
-    from flgpr_trials.commands.registering import default_register
+    from flgpr_trials.commands.scores import default_register
     from flgpr_trials.ledger import content_hash, enter_unopened, read_register, require_unopened
 
     data = read_named(existing(plan, "truth file"))

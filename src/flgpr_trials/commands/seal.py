@@ -10,13 +10,13 @@ import typer
 
 from flgpr.commands.messages import say
 from flgpr.commands.options import Output, PathLike, ShellType, lane_option
-from flgpr.commands.score_options import Show, given, require_witnessed
+from flgpr.commands.score_request import Show, given, require_witnessed
 from flgpr.commands.shell import command
 
 
 def ask_new_passphrase() -> str:
     """Ask for a passphrase twice, after its rules; a weak one is refused before it is repeated."""
-    from flgpr_trials.passphrase import PASSPHRASE_RULE, check_passphrase
+    from flgpr_trials.sealing import PASSPHRASE_RULE, check_passphrase
 
     say(f"The passphrase must have {PASSPHRASE_RULE}.", err=True)
     say("It is asked for twice. Nothing is shown while you type.", err=True)
@@ -78,11 +78,10 @@ def seal(
     from flgpr.store.files import existing
     from flgpr.store.outputs import atomic_output, log_finished, output_exists_error
     from flgpr.store.tables import parse_table
-    from flgpr_trials.commands import registering
+    from flgpr_trials.commands import scores
     from flgpr_trials.folder import require_trial_rules
     from flgpr_trials.ledger import content_hash, register, require_truth
-    from flgpr_trials.passphrase import require_seal
-    from flgpr_trials.sealing import seal_truth, seals
+    from flgpr_trials.sealing import require_seal, seal_truth, seals
 
     require_witnessed(witness, book)
     rules: dict[str, Any] = given({"halo": halo, "show": show and str(show)})
@@ -91,12 +90,12 @@ def seal(
     data = read_named(existing(truth, "truth file"))
     table = parse_table(data, "truth", truth)
     lanes = read_lanes(lane)
-    own_register = registering.default_register(truth, table)
-    bound_to = registering.with_witness(book, witness) or own_register
+    own_register = scores.default_register(truth, table)
+    bound_to = scores.with_witness(book, witness) or own_register
     bound = None
     if bound_to is not None:
         path = Path(bound_to)
-        lines = registering.read_existing_register(bound_to)
+        lines = scores.read_existing_register(bound_to)
         rule = {"halo": rules.get("halo", Rules.halo)}
         require_trial_rules(lines, rule, path)
         digest = content_hash(data)
@@ -121,7 +120,7 @@ def seal(
             seal_truth(table, lanes, partial, passphrase, **rules, register=bound)
     if bound_to is not None and bound is not None:
         entry = {"event": "sealed", "truth": bound["truth"], "sealed": content_hash(sealed)}
-        earlier = registering.read_existing_register(bound_to)
+        earlier = scores.read_existing_register(bound_to)
         if not any(line.get("sealed") == entry["sealed"] for line in earlier):
             register(bound_to, **entry)
     return sealed

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from flgpr.commands.options import Overwrite, PathLike, lane_option
-from flgpr.commands.score_options import Columns, ListAnchor, Passphrase, Unranked
+from flgpr.commands.score_request import Columns, ListAnchor, Passphrase, Unranked
 from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:
@@ -146,9 +146,9 @@ def trial_intake(
     -----
     A list that is signed again takes the place of the one before.
     """
+    from flgpr.commands.entrants import checked_name
     from flgpr.commands.positions import table_reading
     from flgpr.commands.scoring import borders, read_lanes
-    from flgpr.commands.trial_card import checked_name
     from flgpr.door import read_named, refuse_links
     from flgpr.scoring import as_lanes
     from flgpr.store.dialects import TableReading
