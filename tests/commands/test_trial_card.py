@@ -7,7 +7,13 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
-from flgpr.commands.entrants import UNRANKED, TrialCard, checked_vendors, day_of_score, stated_vendor
+from flgpr.commands.entrants import (
+    UNRANKED,
+    TrialCard,
+    checked_vendors,
+    day_of_score,
+    stated_vendor,
+)
 from scored import compare_alarms, find_entrant, score_alarms
 
 DAY = "2026-05-04"

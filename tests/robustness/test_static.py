@@ -152,7 +152,7 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "jit/compiled.py _text": ({"read_bytes"}, OWN),
     "lazy.py face": ({"read_text"}, OWN),
     "model/faults.py load_preset": ({"read_bytes"}, OWN),
-    "commands/browser.py open_page": ({"open"}, BROWSER),
+    "commands/demo.py open_page": ({"open"}, BROWSER),
     "commands/recipe.py list_recipes": ({"tomllib.loads"}, OWN),
     "simulate/scene/scene.py site_tables": ({"read_text", "tomllib.loads"}, OWN),
     "simulate/bodies/signature/table.py load_table": ({"read_bytes"}, OWN),

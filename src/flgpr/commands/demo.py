@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import tempfile
 import threading
-from collections.abc import Iterator
+import webbrowser
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -56,8 +59,6 @@ def _as_json(returned: tuple[Result, list[Score]], _: Arguments) -> ScoreSummary
 @contextmanager
 def _page(call: Arguments) -> Iterator[None]:
     """Show the result in the browser after the command, or a drive in its place."""
-    from flgpr.commands.browser import has_browser, open_page
-
     opens = not (call.no_open or call.quiet or call.as_json) and has_browser()
     if call.live:
         _show_drive(opens)
@@ -229,3 +230,44 @@ def _holds_demo(
     if not (same_run and same_version and same_recipes):
         raise refusal
     return True
+
+
+def has_browser(
+    environment: Mapping[str, str] | None = None,
+    platform: str = sys.platform,
+    is_terminal: bool | None = None,
+) -> bool:
+    """Return whether somebody sits at a screen on which a browser can open.
+
+    Not where ``CI`` is set, the output goes to a file or a program, or there is no display.
+
+    Parameters
+    ----------
+    environment : mapping, optional
+        Environment variables, by default those of the process.
+    platform : str
+        As ``sys.platform``.
+    is_terminal : bool, optional
+        Whether the output is shown on a terminal, by default that of the process.
+
+    Returns
+    -------
+    bool
+        Whether one can open.
+    """
+    variables = os.environ if environment is None else environment
+    if is_terminal is None:
+        is_terminal = sys.stdout.isatty()
+    if variables.get("CI") or not is_terminal:
+        return False
+    if platform in ("darwin", "win32", "cygwin"):
+        return not variables.get("SSH_CONNECTION")
+    return bool(variables.get("DISPLAY") or variables.get("WAYLAND_DISPLAY"))
+
+
+def open_page(path: Path) -> bool:
+    """Open a page of this machine in the browser, and return whether there was one."""
+    try:
+        return webbrowser.open(path.resolve().as_uri())
+    except webbrowser.Error:
+        return False

@@ -125,7 +125,7 @@ def command(**fields: Any) -> Callable[[F], F]:
         described = Command(function, panels=panels, **fields)
         parameters = described.parameters
         function.__dict__["command"] = described
-        function.__doc__ = python_documentation(said.text, parameters, panels)
+        function.__doc__ = python_documentation(said, parameters, panels)
         function.__dict__["__signature__"] = python_signature(function, parameters)
         return function
 

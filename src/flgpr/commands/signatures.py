@@ -40,7 +40,8 @@ class Parameter:
 class Documentation:
     """What the docstring of a command says."""
 
-    text: str  #: without what it says of the parameters
+    summary: str  #: what stands before the first section
+    rest: str  #: sections on what is returned and raised
     sentences: dict[str, str]  #: on each parameter, by its name
     #: names of parameters by the title of the box in which the help shows them
     panels: dict[str, list[str]]
@@ -52,14 +53,15 @@ def documentation_of(function: Callable[..., Any]) -> Documentation:
     Besides "Parameters" it may have a section for every box of the help, with the parameters that
     the box holds.
     """
-    text, *sections = re.split(
-        r"^(\S.*)\n-+\n", inspect.cleandoc(function.__doc__ or ""), flags=re.MULTILINE
+    summary, *sections = re.split(
+        r"^(\S.*)\n-+(?:\n|\Z)", inspect.cleandoc(function.__doc__ or ""), flags=re.MULTILINE
     )
+    rest = ""
     sentences = {}
     panels = {}
     for title, content in zip(sections[::2], sections[1::2], strict=True):
         if title in _SECTIONS:
-            text += f"{title}\n{'-' * len(title)}\n{content}"
+            rest += f"{title}\n{'-' * len(title)}\n{content}"
             continue
         names = []
         for entry in re.split(r"\n(?=\S)", content.strip()):
@@ -69,7 +71,7 @@ def documentation_of(function: Callable[..., Any]) -> Documentation:
                 sentences[name] = " ".join(sentence.split())
         if title != "Parameters":
             panels[title] = names
-    return Documentation(text, sentences, panels)
+    return Documentation(summary.strip(), rest.strip(), sentences, panels)
 
 
 def parameters_of(function: Callable[..., Any]) -> list[Parameter]:
@@ -215,16 +217,13 @@ def type_in_words(annotation: Any) -> str:
 
 
 def python_documentation(
-    text: str, parameters: Sequence[Parameter], panels: Mapping[str, Sequence[str]]
+    said: Documentation, parameters: Sequence[Parameter], panels: Mapping[str, Sequence[str]]
 ) -> str:
     """Return a docstring with a section of the parameters before what is returned and raised.
 
     It fits a screen: a parameter has a line, of a long help the first words; the boxes of the help
     of the command line but the first have a line each, by their titles.
     """
-    summary, *sections = re.split(
-        rf"^(?=(?:{'|'.join(_SECTIONS)})\n-+$)", text, maxsplit=1, flags=re.MULTILINE
-    )
     known = [parameter.name for parameter in parameters]
     together = {}
     for title, names in list(panels.items())[1:]:
@@ -241,8 +240,7 @@ def python_documentation(
             lines.append(f"{line.rstrip('.')}.")
     for title, names in together.items():
         lines.append(f"{', '.join(names)} : {title}, see the command's --help.")
-    paragraphs = [summary.strip(), "\n".join(lines), *sections]
-    return "\n\n".join(paragraph for paragraph in paragraphs if paragraph)
+    return "\n\n".join([said.summary, "\n".join(lines), said.rest]).strip()
 
 
 def help_of(function: Callable[..., Any]) -> str:
@@ -250,7 +248,5 @@ def help_of(function: Callable[..., Any]) -> str:
 
     A paragraph is a single line: the terminal wraps it.
     """
-    documentation = function.__doc__ or ""
-    before_parameters = re.split(r"^Parameters\n-+$", documentation, flags=re.MULTILINE)[0]
-    paragraphs = before_parameters.strip().split("\n\n")
+    paragraphs = documentation_of(function).summary.split("\n\n")
     return "\n\n".join(paragraph.replace("\n", " ") for paragraph in paragraphs)
