@@ -12,7 +12,7 @@ from flgpr.model import load_sensor
 
 ASKED = {"permittivity": 6.0, "loss_tangent": 0.02, "band": (0.75e9, 0.95e9)}
 GROUND = ground_model("arid-sand", permittivity=6.0, loss_tangent=0.02)
-BAND = Viewing(subbands={"band": (0.75e9, 0.95e9)})
+BAND = Viewing(subbands={"band": (0.75e9, 0.95e9)}, window="hann")
 
 
 def tables(sensor="sri-array", **options):
