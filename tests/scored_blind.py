@@ -4,7 +4,7 @@ import dataclasses
 from pathlib import Path
 
 import scored
-from flgpr_trials.commands import sealed_scoring
+from flgpr_trials.commands import scores
 from flgpr_trials.commands.seal import seal
 
 
@@ -23,11 +23,11 @@ def sealed_request(lists, sealed, passphrase, output=None, *, witness=None, **op
 def score_sealed(alarms, sealed, passphrase, output=None, *, recipe=None, **options):
     recipes = [] if recipe is None else [recipe]
     asked = sealed_request([alarms], sealed, passphrase, output, recipes=recipes, **options)
-    return sealed_scoring.score_sealed(asked)
+    return scores.score_sealed(asked)
 
 
 def holds_sealed_score(alarms, sealed, output):
     """Return whether a folder has this very score; nobody is asked for a passphrase."""
     asked = sealed_request([alarms], sealed, None, Path(output))
-    [entrant] = sealed_scoring.find_entrants(asked.lists)
-    return sealed_scoring.holds_sealed_score(asked, entrant)
+    [entrant] = scores.find_entrants(asked.lists)
+    return scores.holds_sealed_score(asked, entrant)

@@ -28,7 +28,6 @@ from flgpr_trials.ledger import (
     head_of,
     read_checked_register,
     read_register,
-    register_paths,
     require_registered,
     require_truth,
 )
@@ -331,7 +330,7 @@ def _admitted(
                 "the detector"
             )
         return None
-    register, _ = register_paths(registered.register)
+    register = Path(registered.register)
     lines = read_checked_register(registered.register)
     if bound is not None:
         if bound["line"] not in {line["hash"] for line in lines}:

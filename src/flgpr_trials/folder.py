@@ -14,7 +14,7 @@ from pydantic import Field
 from flgpr.door import read_named
 from flgpr.model.bounds import Entries, Positive
 from flgpr.model.faults import parse_entries
-from flgpr.store.files import existing
+from flgpr.store.files import existing, write_whole
 from flgpr.store.outputs import atomic_output, log_finished, output_exists_error
 from flgpr.toml_text import toml_lines
 from flgpr_trials.ledger import TRIAL, read_register, register
@@ -91,6 +91,16 @@ class TrialFolder:
         name = re.sub(r"\W+", "-", vendor.casefold()).strip("-")[:_LONGEST_NAME]
         return self.home / "lists" / f"{name or 'list'}.csv"
 
+    def own_list_path(self, vendor: str, lines: Sequence[dict[str, Any]]) -> Path:
+        """Return where a vendor's list is kept; refuse a name that would be kept as another's."""
+        path = self.list_path(vendor)
+        for other in self.signed_lists(lines):
+            if other.path == path and other.vendor != vendor:
+                raise ValueError(
+                    f"vendor must differ from {other.vendor!r} in letters or digits, got {vendor!r}"
+                )
+        return path
+
     def signed_lists(self, lines: Sequence[dict[str, Any]]) -> list[SignedList]:
         """Return the last list that was signed of every vendor, by their names."""
         last = {line["vendor"]: line for line in lines if line.get("event") == "list"}
@@ -101,6 +111,14 @@ class TrialFolder:
 def used_rows(list_path: Path) -> Path:
     """Return where the rows of a list that are scored are kept, in flgpr's own form."""
     return list_path.with_suffix(USED_ROWS)
+
+
+def write_changed(path: Path, data: bytes) -> bool:
+    """Write a file unless it holds this already; return whether it was written."""
+    if path.is_file() and read_named(path) == data:
+        return False
+    write_whole(path, data)
+    return True
 
 
 def begin_trial(

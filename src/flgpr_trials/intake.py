@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,6 +19,7 @@ from flgpr.model.units import UNITS
 from flgpr.scoring.matching import lane_of_rows
 from flgpr.store.dialects import TableReading
 from flgpr.store.tables import parse_table, split_alarm_rows
+from flgpr_trials.ledger import content_hash
 
 _UNITS = ("ft", "in", "cm", "mm")  # that a list may be in, the largest first
 _MOSTLY = 0.5  # of the rows: if fewer lie in the lane, another unit may be meant
@@ -40,6 +44,7 @@ class ReadList:
     """A vendor's alarm list as it was read."""
 
     vendor: str
+    file: str  #: name of the list's file
     #: rows that can be read, in the lane frame, with their ``line`` in the file and whether each is ``used``
     rows: pd.DataFrame
     dropped: list[DroppedRow]  #: in the order of the file
@@ -67,11 +72,47 @@ class ReadList:
         verb = "is" if n_used == 1 else "are"
         reasons = []
         for kind, count in Counter(row.kind for row in self.dropped).items():
-            reasons.append(f"{count} {_verb_of(kind, count)} {kind}")
+            one, several = ("lies", "lie") if kind == _OUTSIDE else ("is", "are")
+            reasons.append(f"{count} {one if count == 1 else several} {kind}")
         return (
             f"{number} of {self.count} rows of {self.vendor}'s list {verb} used: "
             f"{' and '.join(reasons)}"
         )
+
+    def require_clear(self) -> None:
+        """Refuse to sign a list of which no row is used, or that seems to be in another unit."""
+        if self.unit:
+            raise ValueError(
+                f"a list must be in metres of the lane to be signed: {self.in_words()}; "
+                f"{self.doubts[0]}"
+            )
+        if not len(self.used):
+            raise ValueError(f"a list must have a row that is used to be signed: {self.in_words()}")
+
+    def facts(self, lanes: Mapping[str, Lane], data: bytes) -> dict[str, str]:
+        """Return what the page states of the file, whose content is given."""
+        facts = {
+            "vendor": self.vendor,
+            "file": f"{self.file}, {len(data)} bytes",
+            "SHA-256": content_hash(data),
+            "rows": f"{self.count}, {len(self.used)} used, {len(self.dropped)} not",
+        }
+        if len(self.rows):
+            for axis, unit in (("x", " m"), ("y", " m"), ("confidence", "")):
+                values = self.rows[axis]
+                facts[axis] = f"{values.min():.6g} to {values.max():.6g}{unit}"
+        area = sum(lane.area for lane in lanes.values())
+        facts["density"] = f"{len(self.used) / area:.3g} alarms per m² of {area:g} m² of lane"
+        return facts
+
+
+@dataclass(frozen=True)
+class Intake:
+    """A list that was taken in."""
+
+    read: ReadList
+    page: Path
+    line: dict[str, Any] | None  #: of the register; None where nobody signed
 
 
 def read_vendor_list(
@@ -134,19 +175,8 @@ def read_vendor_list(
     probable_unit = _probable_unit(rows, lanes) if unit is None else ""
     doubts = _doubts(rows, lanes, probable_unit)
     dropped += _not_in_lanes(rows, lanes)
-    return ReadList(vendor, rows, sorted(dropped, key=_line), doubts, notes, probable_unit)
-
-
-def _line(row: DroppedRow) -> int:
-    """Return the line of a dropped row."""
-    return row.line
-
-
-def _verb_of(kind: str, count: int) -> str:
-    """Return the verb between a count of rows and why they are dropped."""
-    if kind == _OUTSIDE:
-        return "lies" if count == 1 else "lie"
-    return "is" if count == 1 else "are"
+    dropped.sort(key=attrgetter("line"))
+    return ReadList(vendor, name, rows, dropped, doubts, notes, probable_unit)
 
 
 def _not_in_lanes(rows: pd.DataFrame, lanes: Mapping[str, Lane]) -> list[DroppedRow]:

@@ -88,16 +88,13 @@ class WitnessedRegister:
     path: Path  #: file of the register
     witness: Path  #: file of the witness, see :func:`flgpr.trials.check_witness`
 
+    def __fspath__(self) -> str:
+        """Return the file of the register."""
+        return str(self.path)
+
 
 RegisterLike = str | Path | WitnessedRegister
 """A register, by its path or with its witness."""
-
-
-def register_paths(register: RegisterLike) -> tuple[Path, Path | None]:
-    """Return the path of a register, and that of its witness if it has one."""
-    if isinstance(register, WitnessedRegister):
-        return register.path, register.witness
-    return Path(register), None
 
 
 def register(path: RegisterLike, /, **entry: Any) -> dict[str, Any]:
@@ -148,7 +145,8 @@ def enter(
         If the register was altered, lacks a line that the witness saw, or is held by another
         process for 30 s.
     """
-    file, witness = register_paths(path)
+    file = Path(path)
+    witness = path.witness if isinstance(path, WitnessedRegister) else None
     with AppendLog(file, _PATIENCE) as log:
         lines = _parsed(file, log.lines)
         _finish_torn(file, log, lines)
@@ -383,10 +381,9 @@ def read_checked_register(register: RegisterLike) -> list[dict[str, Any]]:
     ValueError
         If a line was changed or taken out.
     """
-    path, witness = register_paths(register)
-    lines = read_register(path)
-    if witness is not None:
-        check_witness(lines, witness, path)
+    lines = read_register(Path(register))
+    if isinstance(register, WitnessedRegister):
+        check_witness(lines, register.witness, register.path)
     return lines
 
 

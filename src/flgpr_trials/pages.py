@@ -13,10 +13,9 @@ from matplotlib.lines import Line2D
 
 from flgpr.geo.anchor import Anchor
 from flgpr.model import Lane
-from flgpr.report.comparison_page import POINT_HEAD, point_cells, points_figure
+from flgpr.report.comparison_page import POINT, points_figure
 from flgpr.report.curve_figures import COLOURS, MARKS
-from flgpr.report.kit import render
-from flgpr.report.score_page import in_words
+from flgpr.report.kit import render, table_rows
 from flgpr.report.trial_block import TrialBlock, list_block
 from flgpr_trials.blind import BlindScore
 from flgpr_trials.intake import ReadList
@@ -27,8 +26,6 @@ _LOWEST_STRIP = 1.1  # inches
 _HIGHEST_STRIP = 3.5
 _EDGE = 0.1  # m from the edge of the drawing, where marks stand that lie farther out
 _MOST_DROPPED = 200  # dropped rows that a page lists
-# Mines are emplaced to the centimetre; depths have a digit more.
-_DIGITS = {"depth_m": ".3f"}
 
 
 def sheet_html(
@@ -59,27 +56,19 @@ def sheet_html(
     str
         The page, HTML without references to other files.
     """
-    columns = ("x_m", "y_m", "depth_m", "easting_m", "northing_m")
-    numbers = [column for column in columns if column in sheet]
-    texts = sheet.copy()
-    for column in numbers:
-        digits = _DIGITS.get(column, ".2f")
-        texts[column] = [format(value, digits) for value in sheet[column]]
-
+    # Mines are emplaced to the centimetre; depths have a digit more.
+    digits = {"x_m": 2, "y_m": 2, "depth_m": 3, "easting_m": 2, "northing_m": 2}
+    cells = [f"{{{name}:.{count}f}}" for name, count in digits.items() if name in sheet]
     entries = []
     for lane_name, lane in lanes.items():
-        on_lane = pd.Series(data=True, index=sheet.index)
+        rows = sheet
         if "lane" in sheet:
-            on_lane = sheet["lane"].astype(str) == lane_name
-        maps = lane_maps(lane, sheet[on_lane])
-        rows = texts.loc[on_lane, ["target_id", "kind", *numbers]]
-        entries.append((lane_name, lane, maps, rows.to_numpy().tolist()))
-
+            rows = sheet[sheet["lane"].astype(str) == lane_name]
+        texts = table_rows(rows, ["{target_id}", "{kind}", *cells])
+        entries.append((lane_name, lane, lane_maps(lane, rows), texts))
     sigma = None
-    crs = None
     if anchor is not None:
         sigma = float(anchor.uncertainty(sheet["x_m"], sheet["y_m"]).max())
-        crs = anchor.utm()
     return render(
         "sheet.html",
         "flgpr_trials",
@@ -87,7 +76,7 @@ def sheet_html(
         name=name,
         digest=digest,
         count=len(sheet),
-        crs=crs,
+        crs=None if anchor is None else anchor.utm(),
         sigma=sigma,
     )
 
@@ -117,7 +106,10 @@ def lane_maps(lane: Lane, marks: pd.DataFrame, margin: float = 0.5) -> list[Figu
     height_to_scale = 10.0 * (width + 2 * margin) / (length + 2 * margin) + 0.55
     strip_height = min(_HIGHEST_STRIP, max(_LOWEST_STRIP, height_to_scale))
     kinds = sorted(map(str, marks["kind"].unique()))
-    styles = {kind: _marker_style(number) for number, kind in enumerate(kinds)}
+    styles: dict[str, dict[str, Any]] = {}
+    for number, kind in enumerate(kinds):
+        shape = {"marker": MARKS[number % len(MARKS)], "color": COLOURS[number % len(COLOURS)]}
+        styles[kind] = {**shape, "mfc": "white", "mew": 1.6, "ls": "none"}
     figures = []
     for first in range(0, count, _STRIPS):
         strips = range(first, min(first + _STRIPS, count))
@@ -139,17 +131,6 @@ def lane_maps(lane: Lane, marks: pd.DataFrame, margin: float = 0.5) -> list[Figu
         figure.supxlabel("y (m), direction of travel →", fontsize=9)
         figures.append(figure)
     return figures
-
-
-def _marker_style(number: int) -> dict[str, Any]:
-    """Return the marker of a kind of mark by its number."""
-    return {
-        "marker": MARKS[number % len(MARKS)],
-        "color": COLOURS[number % len(COLOURS)],
-        "mfc": "white",
-        "mew": 1.6,
-        "ls": "none",
-    }
 
 
 def _draw_strip(
@@ -258,23 +239,32 @@ def blind_html(blind: BlindScore, notes: Mapping[str, Any]) -> str:
     str
         The page, HTML without references to other files.
     """
-    groups = {}
-    points_by_group = {}
-    for group, points in blind.points.groupby("group", sort=False):
-        points_by_group[str(group)] = points
-        rows = []
-        for row in points.to_dict("records"):
-            rows.append([f"{row['far_allowed']:g}", *point_cells(row)])
-        groups[str(group)] = rows
+    columns = {">allowed FAR (per m²)": "{far_allowed:g}", **POINT}
+    points = {str(name): rows for name, rows in blind.points.groupby("group", sort=False)}
+    targets = None
+    head = {}
+    if blind.targets is not None:
+        head = {
+            "target": "{target_id}",
+            "kind": "{kind}",
+            ">depth (cm)": "{cm:.1f}",
+            ">found from the allowed FAR (per m²)": "{first}",
+        }
+        if "lane" in blind.targets:
+            head = {"lane": "{lane}"} | head
+        found_from = blind.targets["found_from"]
+        first = found_from.map("{:g}".format).where(found_from.notna(), "not at any")
+        targets = blind.targets.assign(cm=100 * blind.targets["depth"], first=first)
     return render(
         "blind.html",
         "flgpr_trials",
         blind=blind,
-        groups=groups,
-        head=[">allowed FAR (per m²)", *POINT_HEAD],
-        picture=points_figure(points_by_group),
-        targets=_target_texts(blind.targets),
-        notes={name: in_words(value) for name, value in notes.items()},
+        groups={name: table_rows(rows, columns.values()) for name, rows in points.items()},
+        head=list(columns),
+        picture=points_figure(points),
+        targets=None if targets is None else table_rows(targets, head.values()),
+        targets_head=list(head),
+        notes=notes,
         trial=_blind_block(blind, notes),
     )
 
@@ -295,15 +285,3 @@ def _blind_block(blind: BlindScore, notes: Mapping[str, Any]) -> TrialBlock:
         rules,
         "sealed lane",
     )
-
-
-def _target_texts(targets: pd.DataFrame | None) -> pd.DataFrame | None:
-    """Return the table of targets of a blind score as text; None where it is not allowed."""
-    if targets is None:
-        return None
-    found_from = []
-    depths = []
-    for far, depth in zip(targets["found_from"], targets["depth"], strict=True):
-        found_from.append("not at any" if np.isnan(far) else f"{far:g}")
-        depths.append("not known" if np.isnan(depth) else f"{100 * depth:.1f}")
-    return targets.assign(depth=depths, found_from=found_from).astype(str)

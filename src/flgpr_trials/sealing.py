@@ -7,7 +7,9 @@ will.
 from __future__ import annotations
 
 import base64
+import importlib.util
 import json
+import math
 import os
 import secrets
 from collections.abc import Callable, Mapping
@@ -23,7 +25,6 @@ from flgpr.json_text import parse_json
 from flgpr.model import check_truth
 from flgpr.scoring.lane_roc import roc_of
 from flgpr.scoring.matching import LaneLike, as_lanes, match, one_of
-from flgpr_trials.passphrase import check_passphrase, require_seal
 
 FORMAT = "flgpr-sealed-truth-2"
 _COST = 2**17  # N of scrypt: half a second and 128 MiB for every guess; less is not opened either
@@ -37,6 +38,13 @@ SHOWS = ("curve", "targets")
 """What a blind score may show: operating points and counts, or also which targets are found."""
 Phrase = str | Callable[[], str]
 """A passphrase, or a function that asks for it after all other checks."""
+_SHORTEST = 8  # characters
+_LEAST_GUESSES = 10**8  # at half a second each, some years of one processor
+_JUDGED = 72  # characters that are judged: more can only be harder to guess
+PASSPHRASE_RULE = (
+    f"at least {_SHORTEST} characters and hard to guess, such as four words that do not belong "
+    "together; whoever loses it cannot open the truth again"
+)
 
 
 def seal_truth(
@@ -281,3 +289,55 @@ def _cipher(passphrase: str, header: Mapping[str, Any]) -> Any:
     salt = base64.b64decode(scrypt["salt"])
     key = Scrypt(salt=salt, length=32, n=scrypt["n"], r=8, p=1).derive(passphrase.encode())
     return AESGCM(key)
+
+
+def require_seal() -> None:
+    """Refuse, before anybody types a passphrase, where a library for sealing is missing."""
+    for library in ("cryptography", "zxcvbn"):
+        if importlib.util.find_spec(library) is None:
+            raise ModuleNotFoundError(
+                f"sealed truth needs the library {library}: pip install 'flgpr[seal]'"
+            )
+
+
+def check_passphrase(passphrase: str) -> None:
+    """Refuse a passphrase that a program guesses soon.
+
+    The number of guesses is that of zxcvbn (Wheeler 2016), which knows common passwords, names,
+    dates, keyboard rows and repetitions. The errors do not contain the passphrase.
+
+    Parameters
+    ----------
+    passphrase : str
+        The passphrase.
+
+    Raises
+    ------
+    ValueError
+        If it is shorter than 8 characters, or is found in fewer than 10⁸ guesses.
+    ModuleNotFoundError
+        Without the library zxcvbn, the extra ``seal``.
+
+    Examples
+    --------
+    >>> from flgpr.trials import check_passphrase
+    >>> check_passphrase("gravel otter seven lamps")
+    >>> check_passphrase("12345678")  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    ...
+    ValueError: passphrase must be hard to guess: a program finds it in about 10^1 guesses...
+    """
+    if len(passphrase) < _SHORTEST:
+        raise ValueError(
+            f"passphrase must have at least {_SHORTEST} characters, got {len(passphrase)}"
+        )
+    require_seal()
+    from zxcvbn import zxcvbn  # type: ignore[import-untyped]
+
+    guesses = float(zxcvbn(passphrase[:_JUDGED])["guesses"])
+    if guesses < _LEAST_GUESSES:
+        exponent = max(round(math.log10(guesses)), 0)
+        raise ValueError(
+            f"passphrase must be hard to guess: a program finds it in about 10^{exponent} guesses, "
+            "10^8 at least are asked for; take four words or more that do not belong together"
+        )

@@ -17,28 +17,22 @@ from matplotlib.lines import Line2D
 
 from flgpr.model import Lane
 from flgpr.model.figure_text import show_dollar_signs
-from flgpr.report.comparison_page import POINT_CELLS, POINT_HEAD, point_cells
+from flgpr.report.comparison_page import POINT
 from flgpr.report.curve_figures import compared_roc_figure
-from flgpr.report.kit import figure_png, render
+from flgpr.report.kit import figure_png, render, table_rows
 from flgpr.report.trial_block import comparison_block, lanes_in_words
 from flgpr.types import FloatArray
 from flgpr_trials.verdict import Verdict
 
-_GROUP_CELLS = (
-    "{n_detected:.0f} of {n_targets:.0f}",
-    "{pd:.2f}",
-    "{pd_low:.2f} to {pd_high:.2f}",
-    "{chance}",
-)
 _GROUP_TITLES = {"kind": "By kind", "depth": "By depth", "lane": "By lane"}
-_PAIR_CELLS = (
-    "{first} less {second}",
-    "{difference:+.2f}",
-    "{low:+.2f} to {high:+.2f}",
-    "{only_first} and {only_second}",
-    "{p:.3g}",
-    "{p_held:.3g}",
-)
+_PAIR = {
+    "difference of": "{first} less {second}",
+    ">Pd": "{difference:+.2f}",
+    ">interval": "{low:+.2f} to {high:+.2f}",
+    ">found by one alone": "{only_first} and {only_second}",
+    ">p (McNemar)": "{p:.3g}",
+    ">p (Holm)": "{p_held:.3g}",
+}
 _PAGE = (8.27, 11.69)  # A4, inches
 _LEFT, _RIGHT, _TOP, _BOTTOM = 0.08, 0.92, 0.95, 0.06  # of a page
 _LINE = 0.0148  # height of a line of a table, of a page
@@ -59,34 +53,23 @@ class PageTable:
 def verdict_tables(verdict: Verdict) -> list[PageTable]:
     """Return the tables of a verdict: vendors, kind, depth, lane, and pairs of vendors."""
     confidence = f"{100 * verdict.requirement.confidence:g} %"
-    rows = []
-    for row in verdict.points.to_dict("records"):
-        found, pd_, interval, *rest = point_cells(row, POINT_CELLS)
-        shows = "yes" if row["shows"] else "no"
-        bound = f"{row['at_least']:.2f}"
-        rows.append([row["detector"], found, pd_, interval, bound, shows, *rest])
-    found, pd_, interval, *rest = POINT_HEAD
-    head = ["vendor", found, pd_, interval, f">Pd at least ({confidence})", "shown", *rest]
-    tables = [PageTable("At the registered false alarm rate", head, rows)]
+    vendor = {"vendor": "{detector}"}
+    point = list(POINT.items())
+    shown = {f">Pd at least ({confidence})": "{at_least:.2f}", "shown": "{shown}"}
+    columns = {**vendor, **dict(point[:3]), **shown, **dict(point[3:])}
+    points = verdict.points.assign(shown=verdict.points["shows"].map({True: "yes", False: "no"}))
+    tables = [_page_table("At the registered false alarm rate", columns, points)]
     for column, table in verdict.groups.items():
-        rows = []
-        for row in table.to_dict("records"):
-            group = "not known" if pd.isna(row[column]) else str(row[column])
-            rows.append([group, row["detector"], *point_cells(row, _GROUP_CELLS)])
-        group_head = [column, "vendor", *POINT_HEAD[:4]]
-        tables.append(PageTable(_GROUP_TITLES[column], group_head, rows))
+        columns = {column: f"{{{column}}}", **vendor, **dict(point[:4])}
+        tables.append(_page_table(_GROUP_TITLES[column], columns, table))
     if len(verdict.pairs):
-        rows = [point_cells(row, _PAIR_CELLS) for row in verdict.pairs.to_dict("records")]
-        pair_head = [
-            "difference of",
-            ">Pd",
-            ">interval",
-            ">found by one alone",
-            ">p (McNemar)",
-            ">p (Holm)",
-        ]
-        tables.append(PageTable("Vendors against each other", pair_head, rows))
+        tables.append(_page_table("Vendors against each other", _PAIR, verdict.pairs))
     return tables
+
+
+def _page_table(title: str, columns: Mapping[str, str], table: pd.DataFrame) -> PageTable:
+    """Return a table by the formats of its cells, which stand by the titles of the columns."""
+    return PageTable(title, list(columns), table_rows(table, columns.values()))
 
 
 def _roc(verdict: Verdict) -> Figure:

@@ -4,7 +4,7 @@ import webbrowser
 
 import pytest
 
-from flgpr.commands.browser import has_browser, open_page
+from flgpr.commands.demo import has_browser, open_page
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 import pandas as pd
 
-from flgpr.commands.compared_recipes import DEMO_COMPARISONS, detect_compared
+from flgpr.commands.runs import DEMO_COMPARISONS, detect_compared
 from flgpr.method.method import detect
 from flgpr.progress import silent
 from flgpr.recipe.schema import parse_recipe, recipe_names, recipe_text

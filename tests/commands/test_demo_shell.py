@@ -23,8 +23,8 @@ def output(demo, tmp_path):
 def opened(monkeypatch):
     """Pages that would have been opened before somebody at a screen."""
     pages = []
-    monkeypatch.setattr("flgpr.commands.browser.has_browser", lambda: True)
-    monkeypatch.setattr("flgpr.commands.browser.open_page", pages.append)
+    monkeypatch.setattr("flgpr.commands.demo.has_browser", lambda: True)
+    monkeypatch.setattr("flgpr.commands.demo.open_page", pages.append)
     return pages
 
 

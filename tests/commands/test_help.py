@@ -51,7 +51,7 @@ def test_boxes_name_options_that_there_are_and_each_once():
     for words, function in COMMANDS.items():
         described = function.command
         known = {parameter.name for parameter in described.parameters if parameter.shell}
-        known |= set(described.shell_options)
+        known |= set(described.shell_flags)
         boxed = [name for names in described.panels.values() for name in names]
         assert set(boxed) <= known, words
         assert len(boxed) == len(set(boxed)), words

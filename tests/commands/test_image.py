@@ -22,8 +22,8 @@ def recording(tmp_path):
     ("options", "rule"),
     [
         ({"dewow": True, "gain": True}, "dewow, gain: these are for recordings"),
-        ({"channel": 1}, "channel, until or step-window: these are for recordings"),
-        ({"until": 20.0}, "channel, until or step-window: these are for recordings"),
+        ({"channel": 1}, "channel: these are for recordings"),
+        ({"until": 20.0}, "until: these are for recordings"),
         ({"scan": 1, "scans": (0, 2)}, "give scan or scans, got both"),
         ({"x": (-1.0, 1.0), "at_x": 0.0}, "x must be given once, got limits and at_x"),
     ],

@@ -1,6 +1,6 @@
 """The text about runs and models: recipes that fit, the map of looks, and texts of strangers."""
 
-from flgpr.commands.info_text import info_lines, model_lines
+from flgpr.commands.info import info_lines, model_lines
 
 REPORT = {
     "title": "lane",

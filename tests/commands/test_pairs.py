@@ -3,8 +3,7 @@
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.commands.app import app
-from flgpr.commands.pairs import split_numbers
+from flgpr.commands.app import app, split_numbers
 from flgpr.store import sample_lane
 
 COUNTS = {"--x": 2, "--area": 4}

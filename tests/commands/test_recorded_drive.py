@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from flgpr.commands.app import app
 from flgpr.commands.live import live
-from flgpr.commands.recorded import read_recorded
+from flgpr.commands.positions import read_recorded
 from flgpr.live.feeding import feed
 from flgpr.store import save_run
 from live_lane import make_lane_run, small_recipe

@@ -6,9 +6,14 @@ import re
 import pytest
 from typer.testing import CliRunner
 
-from flgpr.commands import trial_card
 from flgpr.commands.app import app
-from flgpr.commands.trial_card import TrialCard, checked_vendors, day_of_score, stated_vendor
+from flgpr.commands.entrants import (
+    UNRANKED,
+    TrialCard,
+    checked_vendors,
+    day_of_score,
+    stated_vendor,
+)
 from scored import compare_alarms, find_entrant, score_alarms
 
 DAY = "2026-05-04"
@@ -98,7 +103,7 @@ def test_lists_without_confidences_rank_equal_and_have_one_operating_point(scori
     page = (folder / "report.html").read_text()
     assert "one operating point" in page
     notes = json.loads((folder / "roc.json").read_text())["notes"]
-    assert notes["ranking"] == trial_card.UNRANKED
+    assert notes["ranking"] == UNRANKED
     assert "4 of 4 alarms have no confidence" in notes["alarms_read"][0]
     # A rate that the user names is kept, and a list with all its confidences is ranked by them.
     [at_rate] = score_alarms(bare, *files, scoring_files / "rate", reading=reading, far=0.02)

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from flgpr.commands.app import app
 from flgpr.commands.radargram import RadargramView, make_radargram
 from flgpr.formats import read_gpr
-from flgpr.report.radargram import radargram_figure
+from flgpr.report.images import radargram_figure
 from flgpr_exchange.commands.imports import import_gpr
 from flgpr_exchange.gpr.files import READERS
 from io_gpr import (

@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 
 import flgpr
-from flgpr.commands.compared_recipes import DEMO_COMPARISONS
 from flgpr.commands.demo import demo as make_demo
 from flgpr.commands.replay import replay
+from flgpr.commands.runs import DEMO_COMPARISONS
 from flgpr.method.method import detect
 from flgpr.recipe.schema import load_recipe, parse_recipe, recipe_text
 from flgpr.results.errors import ResultError

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from flgpr.commands.compared_recipes import DEMO_COMPARISONS
+from flgpr.commands.runs import DEMO_COMPARISONS
 from flgpr.live.detector import LiveDetector
 from flgpr.method.classifier import make_training_set, train
 from flgpr.method.method import detect

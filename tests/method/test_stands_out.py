@@ -10,7 +10,7 @@ from flgpr.method.false_alarms import ABOVE
 from flgpr.method.searched import seen_part
 from flgpr.method.stands_out import DENSEST, FEWEST, tail_threshold, what_stands_out
 from flgpr.model import Lane
-from flgpr.report.answer import alarm_sentence
+from flgpr.report.overview import alarm_sentence
 from flgpr.results.description import check_description
 
 LANE = Lane(-1.5, 1.5, 0.0, 30.0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flgpr.report.radargram import radargram_figure
+from flgpr.report.images import radargram_figure
 
 DELAY = np.arange(50) * 1e-9
 NUMBER = np.arange(20)

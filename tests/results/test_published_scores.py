@@ -128,7 +128,7 @@ def test_an_altered_score_is_refused(tmp_path, path, value):
 def test_a_blind_score_keeps_to_the_schema_and_shows_no_more(tmp_path, show):
     pytest.importorskip("cryptography")
     from flgpr.trials import score_blind, seal_truth
-    from flgpr_trials.commands.sealed_scoring import blind_roc_json
+    from flgpr_trials.commands.scores import blind_roc_json
 
     phrase = "correct horse battery"
     sealed = seal_truth(TRUTH, LANE, tmp_path / "sealed", phrase, halo=0.25, show=show)

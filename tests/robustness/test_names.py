@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from flgpr.commands.app import app
 from flgpr.commands.bars import Bars
-from flgpr.commands.info_text import _title
+from flgpr.commands.info import _title
 from flgpr.commands.messages import plain_errors
 from flgpr.commands.shell import ErrorStreamText, print_lines
 from flgpr.commands.simulation import write_preview

@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 import flgpr
 from flgpr.commands.app import app
-from flgpr.commands.compared_recipes import DEMO_COMPARISONS
 from flgpr.commands.replay import replay
+from flgpr.commands.runs import DEMO_COMPARISONS
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.options import LiveOptions
 from flgpr.live.session import LiveRun

@@ -5,7 +5,7 @@ import pytest
 
 from flgpr.recipe.schema import recipe_text
 from flgpr.trials import content_hash, head_of, read_register, register
-from flgpr_trials.commands.registering import (
+from flgpr_trials.commands.scores import (
     default_register,
     enter_recipe,
     heads_of_reports,
@@ -37,8 +37,8 @@ def test_a_list_of_a_file_has_a_recipe_only_if_it_is_named(alarms, tmp_path):
     assert recipe_of(entrant) == content_hash(recipe)
     assert entrant.table()["confidence"].tolist() == [2.0]
     unregistered = registered_entrant(find_entrant(alarms), None)
-    assert unregistered.provenance() == {"alarms_sha256": content_hash(alarms)}
-    told = registered_entrant(entrant, book).provenance()
+    assert unregistered == (None, {"alarms_sha256": content_hash(alarms)})
+    _, told = registered_entrant(entrant, book)
     assert told["recipe_told_by"] == "whoever gave the list"
     assert told["recipe_registered"] == line["time"]
 
@@ -95,7 +95,7 @@ def test_a_recipe_is_entered_once_and_not_after_an_opening(tmp_path):
 
 
 def test_a_recipe_and_a_register_go_together(alarms, tmp_path):
-    assert registered_entrant(find_entrant(alarms), None).registration is None
+    assert registered_entrant(find_entrant(alarms), None)[0] is None
     with pytest.raises(ValueError, match="`recipe` needs a register: give it by `book`"):
         registered_entrant(find_entrant(alarms, "demo"), None)
     book = tmp_path / "book.jsonl"
@@ -107,7 +107,8 @@ def test_a_recipe_and_a_register_go_together(alarms, tmp_path):
     with pytest.raises(ValueError, match="what fixes the detector must be registered"):
         registered_entrant(find_entrant(alarms, "demo"), book)
     enter_recipe("demo", book)
-    assert registered_entrant(find_entrant(alarms, "demo"), book).line["number"] == 2
+    _, told = registered_entrant(find_entrant(alarms, "demo"), book)
+    assert told["recipe_registered"] == read_register(book)[1]["time"]
 
 
 def test_a_report_without_a_head_of_a_register_is_refused(tmp_path):

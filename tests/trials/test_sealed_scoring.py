@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 from flgpr.commands.app import app
 from flgpr.trials import content_hash, head_of, read_register
-from flgpr_trials.passphrase import require_seal
+from flgpr_trials.sealing import require_seal
 from scored_blind import holds_sealed_score, score_sealed, seal_truth_file
 
 PHRASE = "correct horse battery"

@@ -13,8 +13,8 @@ from flgpr.commands.app import app
 from flgpr.geo import read_anchor
 from flgpr.model import Lane
 from flgpr.trials import register
+from flgpr_trials.commands.crew import plan_files
 from flgpr_trials.commands.plan import plan_lane
-from flgpr_trials.commands.planning import plan_files
 from flgpr_trials.pages import lane_maps
 from scored_blind import score_sealed, seal_truth_file
 

@@ -6,9 +6,7 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-from typer import Argument
+from typing import TYPE_CHECKING, Any
 
 from flgpr.commands.options import Paths
 from flgpr.commands.shell import Arguments, command
@@ -73,11 +71,14 @@ def _verdict_lines(pair: Mapping[str, Any]) -> Iterator[str]:
 
 @command(lines=agreement_lines, as_json=agreement_json)
 def agree(
-    verdicts: Annotated[
-        Paths, Argument(help="Verdicts (JSON of flgpr view), a file for each analyst.")
-    ],
+    verdicts: Paths,
 ) -> dict[tuple[str, str], PairAgreement]:
     """Compare the verdicts of every two analysts on the alarms that both of them judged.
+
+    Parameters
+    ----------
+    verdicts
+        Verdicts (JSON of flgpr view), a file for each analyst.
 
     Returns
     -------

@@ -6,8 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
-from typer import Argument, Option
-
 from flgpr.commands.options import PathLike, lane_option, output_option
 from flgpr.commands.shell import Arguments, command
 
@@ -44,29 +42,33 @@ def _lines(fit: dict[str, Any], call: Arguments) -> Iterator[str | Path]:
             yield path
 
 
-def _as_json(fit: dict[str, Any], _: Arguments) -> dict[str, Any]:
-    """Return the fit as it is."""
-    return fit
-
-
-@command(lines=_lines, as_json=_as_json, quiet=False)
+@command(lines=_lines, as_json=True, quiet=False)
 def anchor(
-    points: Annotated[PathLike, Argument(help="Anchor (TOML), or CSV of surveyed points.")],
-    crs: Annotated[
-        str | None, Option(help="CSV: reference system of the points, such as EPSG:32633.")
-    ] = None,
-    accuracy: Annotated[
-        float | None, Option(help="CSV: standard deviation of a surveyed coordinate, m.")
-    ] = None,
-    write: Annotated[PathLike | None, Option(help="CSV: anchor (TOML) to write.")] = None,
+    points: PathLike,
+    crs: str | None = None,
+    accuracy: float | None = None,
+    write: PathLike | None = None,
     lane: Annotated[PathLike | None, lane_option("its corners are computed")] = None,
-    outline: Annotated[
-        PathLike | None, Option(help="GeoJSON of the lane's outline to write.")
-    ] = None,
-    run: Annotated[PathLike | None, Option(help="Run store to tie to the Earth.")] = None,
+    outline: PathLike | None = None,
+    run: PathLike | None = None,
     output: Annotated[PathLike | None, output_option("run store with its georeference")] = None,
 ) -> dict[str, Any]:
     """Fit a lane to surveyed points: its position on the Earth, and the uncertainty.
+
+    Parameters
+    ----------
+    points
+        Anchor (TOML), or CSV of surveyed points.
+    crs
+        CSV: reference system of the points, such as EPSG:32633.
+    accuracy
+        CSV: standard deviation of a surveyed coordinate, m.
+    write
+        CSV: anchor (TOML) to write.
+    outline
+        GeoJSON of the lane's outline to write.
+    run
+        Run store to tie to the Earth.
 
     Returns
     -------

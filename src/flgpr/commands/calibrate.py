@@ -25,25 +25,18 @@ NewRun = Annotated[PathLike | None, output_option("calibrated run store")]
 Reflectors = Annotated[PathLike, Option(help="CSV of reflectors: x_m, y_m, z_m in the lane frame.")]
 Tolerance = Annotated[
     float,
-    Option(
-        help="Largest distance of an echo from its reflector, and largest difference between "
-        "reflectors' biases, m."
-    ),
+    "Largest distance of an echo from its reflector, and largest difference between "
+    "reflectors' biases, m.",
 ]
 Offsets = Annotated[Limits, Option(help="Least and greatest offset of the track's clock, s.")]
 TrackFile = Annotated[
     PathLike | None, Option("--track", help="CSV track or NMEA log; NAME-track.csv by default.")
 ]
 TrackAnchor = Annotated[PathLike | None, anchor_option("to read an NMEA log")]
-Step = Annotated[
-    float, Option(help="First step of the offsets, s; halved four times around the best.")
-]
+Step = Annotated[float, "First step of the offsets, s; halved four times around the best."]
 KeepStanding = Annotated[
     bool,
-    Option(
-        "--keep-standing",
-        help="Search with what is the same in all scans; it is removed by default.",
-    ),
+    "Search with what is the same in all scans; it is removed by default.",
 ]
 
 
@@ -128,13 +121,9 @@ def calibrate_clock(
     track: TrackFile = None,
     anchor: TrackAnchor = None,
     step: Step = 0.05,
-    height: Annotated[float, Option(help="z of the area, m.")] = 0.0,
-    spacing: Annotated[
-        float | None, Option(help="Pixel spacing, m; a quarter wavelength by default.")
-    ] = None,
-    rate: Annotated[
-        Sequence[float] | None, Option(help="Clock rate to try; may repeat, 1 by default.")
-    ] = None,
+    height: float = 0.0,
+    spacing: float | None = None,
+    rate: Sequence[float] | None = None,
     keep_standing: KeepStanding = False,
 ) -> ClockFit:
     """Find the offset between the radar's clock and the track's by focus alone, without reflectors.
@@ -142,6 +131,15 @@ def calibrate_clock(
     Ranges must be right to about their resolution: where they may be biased and reflectors are
     known, take joint. An answer at the edge of the offsets, or one that does not stand out, is
     refused.
+
+    Parameters
+    ----------
+    height
+        z of the area, m.
+    spacing
+        Pixel spacing, m; a quarter wavelength by default.
+    rate
+        Clock rate to try; may repeat, 1 by default.
 
     Returns
     -------
@@ -178,10 +176,7 @@ def calibrate_range_bias(
     run: RunArgument,
     reflectors: Reflectors,
     output: NewRun = None,
-    search: Annotated[
-        float | None,
-        Option(help="Largest bias to either side of zero, m; 3, or what unambiguous ranges allow."),
-    ] = None,
+    search: float | None = None,
     tolerance: Tolerance = 0.15,
     keep_standing: KeepStanding = False,
 ) -> BiasFit:
@@ -189,6 +184,11 @@ def calibrate_range_bias(
 
     The clock must be right. An answer that does not stand out, lies at the edge of the search, or
     on which reflectors disagree is refused.
+
+    Parameters
+    ----------
+    search
+        Largest bias to either side of zero, m; 3, or what unambiguous ranges allow.
 
     Returns
     -------
@@ -218,7 +218,7 @@ def calibrate_joint(
     run: RunArgument,
     reflectors: Reflectors,
     offsets: Offsets,
-    biases: Annotated[Limits, Option(help="Least and greatest range bias, m.")] = (
+    biases: Limits = (
         -3.0,
         3.0,
     ),
@@ -233,6 +233,11 @@ def calibrate_joint(
 
     An answer that does not stand out, lies at the edge of the search, or on which reflectors
     disagree is refused.
+
+    Parameters
+    ----------
+    biases
+        Least and greatest range bias, m.
 
     Returns
     -------
@@ -288,16 +293,25 @@ def _speed(fit: GroundFit) -> float:
 @command(lines=_permittivity_lines, as_json=_permittivity_json, always_printed=True)
 def calibrate_permittivity(
     run: RunArgument,
-    along: Annotated[
-        Limits | None, Option(help="Stretch of the line that holds hyperbolas, m; all by default.")
-    ] = None,
-    delays: Annotated[Limits, Option(help="Delays that hold them, ns.")] = (1.0, 30.0),
-    limits: Annotated[Limits, Option(help="Least and greatest permittivity to try.")] = (2.0, 36.0),
+    along: Limits | None = None,
+    delays: Limits = (1.0, 30.0),
+    limits: Limits = (2.0, 36.0),
     *,
-    trials: Annotated[int, "Number of permittivities that are tried."] = 41,
+    trials: int = 41,
     track: Progress = None,
 ) -> GroundFit:
     """Find the ground's permittivity by the focus of hyperbolas, for ground-coupled antennas.
+
+    Parameters
+    ----------
+    along
+        Stretch of the line that holds hyperbolas, m; all by default.
+    delays
+        Delays that hold them, ns.
+    limits
+        Least and greatest permittivity to try.
+    trials
+        Number of permittivities that are tried.
 
     Returns
     -------

@@ -29,7 +29,7 @@ def _lines(checked: Checked, _: Arguments) -> Iterator[Any]:
 
 @command(
     lines=_lines,
-    as_json=lambda checked, _: checked.as_json(),
+    as_json=True,
     status=lambda checked: 1 if checked.verdict == "wrong" else 0,
     quiet=False,
 )

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import tempfile
 import threading
-from collections.abc import Iterator
+import webbrowser
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
-from typer import Option
 
-from flgpr.commands.compared_recipes import DEMO_COMPARISONS, detect_compared
 from flgpr.commands.exports import map_bytes
 from flgpr.commands.messages import say
 from flgpr.commands.options import Output, Overwrite, PathLike, Progress
+from flgpr.commands.runs import DEMO_COMPARISONS, detect_compared
 from flgpr.commands.score_text import score_lines, score_summary
 from flgpr.commands.shell import Arguments, command
 
@@ -25,14 +27,6 @@ if TYPE_CHECKING:
     from flgpr.scoring import Score
     from flgpr.scoring.score_entries import ScoreSummary
 
-VIEW = Annotated[bool, Option("--view", help="Open the result in the viewer.")]
-NO_OPEN = Annotated[bool, Option("--no-open", help="Open no browser: print where the page is.")]
-DETAILS = Annotated[
-    bool, Option("--details", help="Print what became of each target, counts, chance and interval.")
-]
-LIVE = Annotated[
-    bool, Option("--live", help="Show a recorded drive of half a minute on the driver's screen.")
-]
 _REPORT = "report"  # the last step of the demo
 _RATE = 2.25  # scans/s, a metre each: a speed at which the driver's screen says all its words
 _PAUSE = 5.0  # s between the end of the drive and its beginning anew
@@ -65,8 +59,6 @@ def _as_json(returned: tuple[Result, list[Score]], _: Arguments) -> ScoreSummary
 @contextmanager
 def _page(call: Arguments) -> Iterator[None]:
     """Show the result in the browser after the command, or a drive in its place."""
-    from flgpr.commands.browser import has_browser, open_page
-
     opens = not (call.no_open or call.quiet or call.as_json) and has_browser()
     if call.live:
         _show_drive(opens)
@@ -128,11 +120,11 @@ def play_drive(
     lines=_lines,
     as_json=_as_json,
     context=_page,
-    shell_options={
-        "details": (DETAILS, False),
-        "no_open": (NO_OPEN, False),
-        "view": (VIEW, False),
-        "live": (LIVE, False),
+    shell_flags={
+        "details": "Print what became of each target, counts, chance and interval.",
+        "no_open": "Open no browser: print where the page is.",
+        "view": "Open the result in the viewer.",
+        "live": "Show a recorded drive of half a minute on the driver's screen.",
     },
     compiles_kernels=True,
 )
@@ -238,3 +230,44 @@ def _holds_demo(
     if not (same_run and same_version and same_recipes):
         raise refusal
     return True
+
+
+def has_browser(
+    environment: Mapping[str, str] | None = None,
+    platform: str = sys.platform,
+    is_terminal: bool | None = None,
+) -> bool:
+    """Return whether somebody sits at a screen on which a browser can open.
+
+    Not where ``CI`` is set, the output goes to a file or a program, or there is no display.
+
+    Parameters
+    ----------
+    environment : mapping, optional
+        Environment variables, by default those of the process.
+    platform : str
+        As ``sys.platform``.
+    is_terminal : bool, optional
+        Whether the output is shown on a terminal, by default that of the process.
+
+    Returns
+    -------
+    bool
+        Whether one can open.
+    """
+    variables = os.environ if environment is None else environment
+    if is_terminal is None:
+        is_terminal = sys.stdout.isatty()
+    if variables.get("CI") or not is_terminal:
+        return False
+    if platform in ("darwin", "win32", "cygwin"):
+        return not variables.get("SSH_CONNECTION")
+    return bool(variables.get("DISPLAY") or variables.get("WAYLAND_DISPLAY"))
+
+
+def open_page(path: Path) -> bool:
+    """Open a page of this machine in the browser, and return whether there was one."""
+    try:
+        return webbrowser.open(path.resolve().as_uri())
+    except webbrowser.Error:
+        return False

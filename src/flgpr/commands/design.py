@@ -5,12 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-from typer import Argument, Option
+from typing import TYPE_CHECKING, Any
 
 from flgpr.commands.options import Output, Progress
-from flgpr.commands.shell import Arguments, command
+from flgpr.commands.shell import Arguments, command, options_given
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -48,79 +46,25 @@ def _check_json(call: Arguments) -> dict[str, Any]:
     lines=_lines,
     as_json=_as_json,
     python_values=_check_json,
-    panels={
-        "Signal to clutter": (
-            "signal_to_clutter",
-            "body",
-            "distance",
-            "height",
-            "permittivity",
-            "loss_tangent",
-            "correlation_length",
-            "unevenness",
-            "measure",
-        ),
-    },
 )
 def design(
-    sensor: Annotated[str, Argument(help="Sensor preset or TOML file.")],
-    compare: Annotated[
-        Sequence[str] | None, Option(help="Another sensor to compare; may repeat.")
-    ] = None,
+    sensor: str,
+    compare: Sequence[str] | None = None,
     output: Output = "design.html",
-    band: Annotated[
-        tuple[float, float] | None, Option(help="First and last tone, Hz; all by default.")
-    ] = None,
-    window: Annotated[
-        str, Option(help="Window over the tones: boxcar, hann, hamming, taylor.")
-    ] = "hann",
-    site: Annotated[
-        str, Option(help="Site whose soil and surface the mines lie in.")
-    ] = "arid-sand",
-    rms: Annotated[
-        float | None, Option(help="Rms height of the surface, m; the site's by default.")
-    ] = None,
-    depth: Annotated[
-        Sequence[float] | None,
-        Option(help="Depth of the mines' top, m; may repeat with --signal-to-clutter."),
-    ] = None,
-    signal_to_clutter: Annotated[
-        bool,
-        Option(
-            "--signal-to-clutter",
-            help="Print the expected signal to clutter of bodies; write no page.",
-        ),
-    ] = False,
-    body: Annotated[
-        Sequence[str] | None,
-        Option(help="Signal to clutter: packaged body or table; may repeat; all by default."),
-    ] = None,
-    distance: Annotated[
-        float | None, Option(help="Signal to clutter: ground range to the body, m; 12.")
-    ] = None,
-    height: Annotated[
-        float | None, Option(help="Signal to clutter: of the array, m; the sensor's by default.")
-    ] = None,
-    permittivity: Annotated[
-        float | None,
-        Option(help="Signal to clutter: of the soil, with --loss-tangent; the site's by default."),
-    ] = None,
-    loss_tangent: Annotated[
-        float | None, Option(help="Signal to clutter: of the soil; the site's by default.")
-    ] = None,
-    correlation_length: Annotated[
-        float | None, Option(help="Signal to clutter: of the surface, m; the site's by default.")
-    ] = None,
-    unevenness: Annotated[
-        float | None,
-        Option(help="Signal to clutter: of the ground, m³ (ISO 8608); the site's by default."),
-    ] = None,
-    measure: Annotated[
-        int | None,
-        Option(
-            help="Signal to clutter: measure it too, on simulated images of this number of grounds."
-        ),
-    ] = None,
+    band: tuple[float, float] | None = None,
+    window: str = "hann",
+    site: str = "arid-sand",
+    rms: float | None = None,
+    depth: Sequence[float] | None = None,
+    signal_to_clutter: bool = False,
+    body: Sequence[str] | None = None,
+    distance: float | None = None,
+    height: float | None = None,
+    permittivity: float | None = None,
+    loss_tangent: float | None = None,
+    correlation_length: float | None = None,
+    unevenness: float | None = None,
+    measure: int | None = None,
     *,
     track: Progress = None,
 ) -> Any:
@@ -128,6 +72,44 @@ def design(
 
     With --signal-to-clutter print a table for bodies at depths, by formula and with --measure
     measured.
+
+    Parameters
+    ----------
+    sensor
+        Sensor preset or TOML file.
+    compare
+        Another sensor to compare; may repeat.
+    band
+        First and last tone, Hz; all by default.
+    window
+        Window over the tones: boxcar, hann, hamming, taylor.
+    site
+        Site whose soil and surface the mines lie in.
+    rms
+        Rms height of the surface, m; the site's by default.
+    depth
+        Depth of the mines' top, m; may repeat with --signal-to-clutter.
+
+    Signal to clutter
+    -----------------
+    signal_to_clutter
+        Print the expected signal to clutter of bodies; write no page.
+    body
+        Signal to clutter: packaged body or table; may repeat; all by default.
+    distance
+        Signal to clutter: ground range to the body, m; 12.
+    height
+        Signal to clutter: of the array, m; the sensor's by default.
+    permittivity
+        Signal to clutter: of the soil, with --loss-tangent; the site's by default.
+    loss_tangent
+        Signal to clutter: of the soil; the site's by default.
+    correlation_length
+        Signal to clutter: of the surface, m; the site's by default.
+    unevenness
+        Signal to clutter: of the ground, m³ (ISO 8608); the site's by default.
+    measure
+        Signal to clutter: measure it too, on simulated images of this number of grounds.
 
     Returns
     -------
@@ -141,23 +123,13 @@ def design(
     FileExistsError
         If another page is at the output.
     """
+    asked = locals()
     from flgpr.progress import silent
 
     sensors = [sensor, *(compare or [])]
     if not signal_to_clutter:
-        only_for_table = {
-            "`body`": body,
-            "`distance`": distance,
-            "`height`": height,
-            "`permittivity`": permittivity,
-            "`loss_tangent`": loss_tangent,
-            "`correlation_length`": correlation_length,
-            "`unevenness`": unevenness,
-            "`measure`": measure,
-        }
-        for name, value in only_for_table.items():
-            if value is not None:
-                raise ValueError(f"{name} goes with signal_to_clutter, got it without")
+        for name in options_given(design, asked, "Signal to clutter"):
+            raise ValueError(f"`{name}` goes with signal_to_clutter, got it without")
         depths = depth or [_DEPTH]
         if len(depths) > 1:
             raise ValueError(
@@ -168,9 +140,10 @@ def design(
 
         question = Question(band, window, site, depths[0], rms)
         return design_report(sensors, output, question, track or silent)
-    from flgpr.commands.designing import signal_to_clutter_tables
+    from flgpr.design import signal_to_clutter as formulas
     from flgpr.design.grounds import ground_model
-    from flgpr.design.signal_to_clutter import Viewing
+    from flgpr.model import load_sensor
+    from flgpr.simulate.bodies.signature import packaged_bodies
 
     ground = ground_model(
         site,
@@ -180,15 +153,25 @@ def design(
         correlation_length=correlation_length,
         unevenness=unevenness,
     )
-    viewing = Viewing(
-        distance=Viewing.distance if distance is None else distance,
+    viewing = formulas.Viewing(
+        distance=formulas.Viewing.distance if distance is None else distance,
         height=height,
         subbands=None if band is None else {"band": band},
         window=window,
     )
-    return signal_to_clutter_tables(
-        sensors, ground, viewing, bodies=body, depths=depth, seeds=measure, track=track or silent
-    )
+    bodies = list(body or packaged_bodies())
+    depths = list(depth or formulas.DEPTHS)
+    tables = []
+    for array in map(load_sensor, sensors):
+        table = formulas.expected_signal_to_clutter(array, ground, bodies, depths, viewing)
+        if measure is not None:
+            measured = formulas.measure_signal_to_clutter(
+                array, ground, bodies, depths, viewing, seeds=measure, track=track or silent
+            )
+            table["measured_db"] = measured["signal_to_clutter_db"]
+            table[["low_db", "high_db"]] = measured[["low_db", "high_db"]]
+        tables.append(table)
+    return tables
 
 
 def _rich_table(table: pd.DataFrame) -> Any:

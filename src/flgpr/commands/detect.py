@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Concatenate, ParamSpec, Protocol, cast, overload
 
-from typer import Argument, Option
+from typer import Option
 
 from flgpr.commands.options import (
     REQUIRED,
@@ -38,6 +38,9 @@ if TYPE_CHECKING:
 TRAINED_ON_THIS_RUN = (
     "the model was trained on this very run: what it finds here says nothing of other ground"
 )
+
+
+_TRUST = ("unlike", "far", "stands_out")  # what a result says of its alarms
 
 
 def _before(call: Arguments) -> Iterator[str]:
@@ -83,12 +86,10 @@ def _lines_of_result(result: Result) -> Iterator[str]:
         yield finding["sentence"]
     if "health" in run:
         yield f"`flgpr check {run['path']}` says what else may be wrong, and what to try"
-    yield from run.get("searched", {}).get("notes", [])
-    if run.get("trained_on_this_run"):
-        yield TRAINED_ON_THIS_RUN
-    yield from run.get("unlike", {}).get("notes", [])
-    yield from run.get("far", {}).get("notes", [])
-    yield from run.get("stands_out", {}).get("notes", [])
+    for name in ("searched", *_TRUST):
+        if name == "unlike" and run.get("trained_on_this_run"):
+            yield TRAINED_ON_THIS_RUN
+        yield from run.get(name, {}).get("notes", [])
     page = (result.folder / "report.html").resolve()
     yield f"{len(result.detections[0].alarms)} alarms; report: {page}"
 
@@ -108,9 +109,7 @@ def _summary(result: Result) -> dict[str, Any]:
         "implausible_scans": run.get("motion", {}).get("scans", []),
         "searched": run.get("searched", {}),
         "trained_on_this_run": bool(run.get("trained_on_this_run", False)),
-        "unlike": run.get("unlike", {}),
-        "far": run.get("far", {}),
-        "stands_out": run.get("stands_out", {}),
+        **{name: run.get(name, {}) for name in _TRUST},
         "result": str(result.folder),
     }
     if "health" in run:
@@ -146,21 +145,12 @@ def _typed(function: Callable[Concatenate[Any, P], Any]) -> OneOrList[P]:
     as_json=_as_json,
     lines_before=_before,
     python_values=_one_run,
-    panels={
-        "Recipe and lane": ("recipe", "model", "lane", "others"),
-        "Trust": ("unlike", "far"),
-        "Work": ("workers", "scheduler", "lanes_at_once", "max_memory", "section"),
-    },
     resumes=True,
     compiles_kernels=True,
 )
 def detect(
-    runs: Annotated[RunsLike, Argument(help="Run stores; several make a survey.")],
-    recipe: Annotated[
-        PathLike | None,
-        Option(help="Packaged recipe or TOML file; else one is made for the run."),
-        ShellType(str),
-    ] = None,
+    runs: RunsLike,
+    recipe: Annotated[PathLike | None, ShellType(str)] = None,
     output: Annotated[
         PathLike | None, output_option("result folder; a folder of them for several runs"), REQUIRED
     ] = None,
@@ -168,42 +158,65 @@ def detect(
         LanesLike | None,
         lane_option("once per run"),
     ] = None,
-    model: Annotated[PathLike | None, Option(help="Model of `flgpr train` for the recipe.")] = None,
+    model: PathLike | None = None,
     workers: Annotated[int | None, Option(help="Processes; the result is the same.", min=1)] = None,
     scheduler: Scheduler = None,
     lanes_at_once: Annotated[
         int | None, Option(help="Lanes at the same time; needs workers or a scheduler.", min=1)
     ] = None,
-    max_memory: Annotated[
-        str | int, Option(help="Memory of each process; larger lanes are processed in sections.")
-    ] = "2GB",
-    section: Annotated[
-        float | None, Option(help="Longest section of a lane, m, for recipes without variants.")
-    ] = None,
+    max_memory: str | int = "2GB",
+    section: float | None = None,
     others: With = (),
-    unlike: Annotated[
-        str,
-        Option(
-            help="On ground unlike the model's training: rank by contrast (fallback), keep, or refuse."
-        ),
-    ] = "fallback",
-    far: Annotated[
-        float | None,
-        Option(help="False alarms per m² to state a threshold for; alarms above it are marked."),
-    ] = None,
+    unlike: str = "fallback",
+    far: float | None = None,
     overwrite: Overwrite = True,
     *,
-    report: Annotated[bool, "Whether to write report.html now; scoring writes it anew."] = True,
+    report: bool = True,
     track: Progress = None,
-    note: Annotated[Any, "Takes a report of every piece of work that was done."] = None,
-    pass_cache: Annotated[
-        PathLike | None, "Folder of backgrounds and run-views that other recipes share."
-    ] = None,
+    note: Any = None,
+    pass_cache: PathLike | None = None,
 ) -> Result | Survey:
     """Raise alarms on runs; truth is not needed and not read. An interrupted run resumes.
 
     One run gives the result folder OUTPUT, several give OUTPUT/NAME each and OUTPUT/survey.json.
     Sections of a lane have folders of their own, section-01 and so on, and a table of all alarms.
+
+    Parameters
+    ----------
+    runs
+        Run stores; several make a survey.
+    report
+        Whether to write report.html now; scoring writes it anew.
+    note
+        Takes a report of every piece of work that was done.
+    pass_cache
+        Folder of backgrounds and run-views that other recipes share.
+
+    Recipe and lane
+    ---------------
+    recipe
+        Packaged recipe or TOML file; else one is made for the run.
+    model
+        Model of `flgpr train` for the recipe.
+    lane
+    others
+
+    Trust
+    -----
+    unlike
+        On ground unlike the model's training: rank by contrast (fallback), keep, or refuse.
+    far
+        False alarms per m² to state a threshold for; alarms above it are marked.
+
+    Work
+    ----
+    workers
+    scheduler
+    lanes_at_once
+    max_memory
+        Memory of each process; larger lanes are processed in sections.
+    section
+        Longest section of a lane, m, for recipes without variants.
 
     Returns
     -------

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from typer import Argument, Option
+from typer import Option
 
 from flgpr.commands.exports import Wish, export_formats, write_export
 from flgpr.commands.options import Output, PathLike, anchor_option
@@ -14,39 +14,42 @@ from flgpr.commands.shell import command
 
 @command()
 def export(
-    source: Annotated[
-        PathLike,
-        Argument(
-            help="Result folder, truth or alarm table (CSV), run store (for cphd and sigmf), "
-            "or folder of a live run (for mcap)."
-        ),
-    ],
+    source: PathLike,
     output: Output,
     to: Annotated[str, Option(help=f"One of {', '.join(export_formats())}.")],
     anchor: Annotated[
         PathLike | None,
         anchor_option("needed where the data have no georeference"),
     ] = None,
-    kind: Annotated[str, Option(help="What a table holds: alarms, truth or objects.")] = "truth",
-    time: Annotated[
-        str | None, Option(help="Time of the observation (ISO 8601), kept with every point.")
-    ] = None,
-    detection: Annotated[str, Option(help="Detection of a result: main or a variant.")] = "main",
-    score: Annotated[
-        PathLike | None,
-        Option(help="Folder of the result's score, whose truth goes on qgis's map."),
-    ] = None,
-    columns: Annotated[
-        str | None, Option(help="Columns of a table that have other names: x=Rechts,y=Hoch.")
-    ] = None,
-    organisation: Annotated[
-        str | None, Option(help="With imsma: organisation that made the survey.")
-    ] = None,
+    kind: str = "truth",
+    time: str | None = None,
+    detection: str = "main",
+    score: PathLike | None = None,
+    columns: str | None = None,
+    organisation: str | None = None,
 ) -> Path:
     """Write alarms, truth, run-views or runs for other programs, on the Earth.
 
     A recording of a result or a live run (mcap), or of a run (sigmf), needs no place on the Earth.
     The output of sigmf is a folder.
+
+    Parameters
+    ----------
+    source
+        Result folder, truth or alarm table (CSV), run store (for cphd and sigmf), or folder of a
+        live run (for mcap).
+    kind
+        What a table holds: alarms, truth or objects.
+    time
+        Time of the observation (ISO 8601), kept with every point.
+    detection
+        Detection of a result: main or a variant.
+    score
+        Folder of the result's score, whose truth goes on qgis's map.
+    columns
+        Columns of a table that have other names: x=Rechts,y=Hoch.
+    organisation
+        With imsma: organisation that made the survey.
 
     Returns
     -------

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
-from typer import Argument, Option
+from typer import Option
 
 from flgpr.commands.options import (
     REQUIRED,
@@ -20,14 +20,13 @@ from flgpr.commands.options import (
     one_or_more,
     output_option,
 )
-from flgpr.commands.shell import Arguments, command
+from flgpr.commands.shell import Arguments, command, options_given
 
 if TYPE_CHECKING:
-    from flgpr.commands.picture import Picture
+    from flgpr.commands.picture import Picture, Slices
     from flgpr.commands.radargram import Radargram
-    from flgpr.commands.slices import Slices
 
-_POINTS = 5  # brightest points that are listed
+_OF_BOTH = {"run", "output", "scans", "scan", "permittivity"}  # of runs and of recordings
 
 
 def _lines(drawn: Picture | Slices | Radargram, call: Arguments) -> Iterator[str | Path]:
@@ -36,93 +35,106 @@ def _lines(drawn: Picture | Slices | Radargram, call: Arguments) -> Iterator[str
     yield from call.output
 
 
-def _as_json(drawn: Picture | Slices | Radargram, _: Arguments) -> dict[str, Any]:
-    """Return the figures of what was drawn."""
-    return drawn.summary()
-
-
 @command(
     lines=_lines,
-    as_json=_as_json,
-    panels={
-        "Ground": ("x", "y", "z", "at_x", "at_y", "at_z", "depth", "spacing"),
-        "Scans and band": ("scans", "scan", "polarization", "band", "window", "reach"),
-        "Waves in the ground": ("permittivity", "ground"),
-        "Recordings": ("channel", "until", "dewow", "background", "gain", "step_window"),
-    },
+    as_json=True,
 )
 def image(
-    run: Annotated[
-        PathLike,
-        Argument(
-            help="Run store, or a recording (.dzt, .dt1, ...), whose traces are drawn as they are."
-        ),
-    ],
+    run: PathLike,
     output: Annotated[
         OneOrMorePaths,
         output_option(".png, .npz, .zarr or .tif; may repeat"),
         REQUIRED,
         ShellType(list[Path]),
     ] = (),
-    x: Annotated[Limits | None, Option(help="Limits, m, in the lane frame.")] = None,
-    y: Annotated[Limits | None, Option(help="Limits, m.")] = None,
-    z: Annotated[
-        Limits | None, Option(help="Limits, m; the ground is at 0, depths are negative.")
-    ] = None,
-    at_x: Annotated[float | None, Option(help="One x, for a section along y.")] = None,
-    at_y: Annotated[float | None, Option(help="One y, for a section along x.")] = None,
-    at_z: Annotated[float | None, Option(help="One z; 0 by default.")] = None,
-    spacing: Annotated[
-        float | None, Option(help="Of pixels, m; a quarter of the wavelength by default.")
-    ] = None,
-    scans: Annotated[
-        tuple[int, int] | None, Option(help="First and last scan to sum; all by default.")
-    ] = None,
-    scan: Annotated[int | None, Option(help="A single scan.")] = None,
-    polarization: Annotated[
-        Sequence[str] | None, Option(help="May repeat; all by default.")
-    ] = None,
-    band: Annotated[Limits | None, Option(help="GHz; all tones by default.")] = None,
-    window: Annotated[str, Option(help="boxcar, hann, hamming or taylor.")] = "hann",
-    permittivity: Annotated[
-        float | None, Option(help="Permittivity along all paths: the ground's, for antennas on it.")
-    ] = None,
-    ground: Annotated[
-        float | None, Option(help="Permittivity of ground below z = 0 that refracts.")
-    ] = None,
-    reach: Annotated[
-        float | None,
-        Option(help="Largest distance of an antenna from the pixels it contributes to, m."),
-    ] = None,
+    x: Limits | None = None,
+    y: Limits | None = None,
+    z: Limits | None = None,
+    at_x: float | None = None,
+    at_y: float | None = None,
+    at_z: float | None = None,
+    spacing: float | None = None,
+    scans: tuple[int, int] | None = None,
+    scan: int | None = None,
+    polarization: Sequence[str] | None = None,
+    band: Limits | None = None,
+    window: str = "hann",
+    permittivity: float | None = None,
+    ground: float | None = None,
+    reach: float | None = None,
     anchor: Annotated[PathLike | None, anchor_option("for .tif")] = None,
-    points: Annotated[int, Option(help="Number of brightest points.", min=1, max=100)] = _POINTS,
-    depth: Annotated[
-        Sequence[float] | None,
-        Option(help="Depth slices in place of z: a depth below z = 0, m; may repeat."),
-    ] = None,
+    points: Annotated[int, Option(help="Number of brightest points.", min=1, max=100)] = 5,
+    depth: Sequence[float] | None = None,
     channel: Annotated[int, Option(help="Recording: channel, from 0.", min=0)] = 0,
-    until: Annotated[
-        float | None, Option(help="Recording: last two-way time, ns; all by default.")
-    ] = None,
-    dewow: Annotated[
-        bool, Option("--dewow", help="Recording: subtract the running mean from each trace.")
-    ] = False,
-    background: Annotated[
-        bool, Option("--background", help="Recording: subtract the mean of all traces.")
-    ] = False,
-    gain: Annotated[
-        bool, Option("--gain", help="Recording: divide by the line's mean level at each time.")
-    ] = False,
-    step_window: Annotated[
-        float | None,
-        Option(
-            help="Recording: window of dewow and gain, ns; two periods of the antenna by default."
-        ),
-    ] = None,
+    until: float | None = None,
+    dewow: bool = False,
+    background: bool = False,
+    gain: bool = False,
+    step_window: float | None = None,
     *,
     track: Progress = None,
 ) -> Picture | Slices | Radargram:
     """Focus a run over the aperture of its scans, or draw the traces of a recording over time.
+
+    Parameters
+    ----------
+    run
+        Run store, or a recording (.dzt, .dt1, ...), whose traces are drawn as they are.
+
+    Ground
+    ------
+    x
+        Limits, m, in the lane frame.
+    y
+        Limits, m.
+    z
+        Limits, m; the ground is at 0, depths are negative.
+    at_x
+        One x, for a section along y.
+    at_y
+        One y, for a section along x.
+    at_z
+        One z; 0 by default.
+    depth
+        Depth slices in place of z: a depth below z = 0, m; may repeat.
+    spacing
+        Of pixels, m; a quarter of the wavelength by default.
+
+    Scans and band
+    --------------
+    scans
+        First and last scan to sum; all by default.
+    scan
+        A single scan.
+    polarization
+        May repeat; all by default.
+    band
+        GHz; all tones by default.
+    window
+        boxcar, hann, hamming or taylor.
+    reach
+        Largest distance of an antenna from the pixels it contributes to, m.
+
+    Waves in the ground
+    -------------------
+    permittivity
+        Permittivity along all paths: the ground's, for antennas on it.
+    ground
+        Permittivity of ground below z = 0 that refracts.
+
+    Recordings
+    ----------
+    channel
+    until
+        Recording: last two-way time, ns; all by default.
+    dewow
+        Recording: subtract the running mean from each trace.
+    background
+        Recording: subtract the mean of all traces.
+    gain
+        Recording: divide by the line's mean level at each time.
+    step_window
+        Recording: window of dewow and gain, ns; two periods of the antenna by default.
 
     Returns
     -------
@@ -137,34 +149,21 @@ def image(
     FileExistsError
         If another file is at an output.
     """
+    asked = locals()
     from flgpr.commands.radargram import RadargramView, make_radargram
     from flgpr.formats.reader import is_recording
 
     outputs = one_or_more(output)
     limits = scans if scan is None else (scan, scan)
+    of_recordings = options_given(image, asked, "Recordings")
+    of_runs = [
+        name for name in options_given(image, asked) if name not in (*of_recordings, *_OF_BOTH)
+    ]
     if is_recording(run):
         # A recording has no poses and no aperture: these options would have no effect.
-        for_runs = (
-            ("x", x),
-            ("y", y),
-            ("z", z),
-            ("at-x", at_x),
-            ("at-y", at_y),
-            ("at-z", at_z),
-            ("spacing", spacing),
-            ("polarization", polarization),
-            ("band", band),
-            ("ground", ground),
-            ("reach", reach),
-            ("anchor", anchor),
-            ("depth", depth or None),
-            ("window", None if window == "hann" else window),
-            ("points", None if points == _POINTS else points),
-        )
-        refused = [name for name, value in for_runs if value is not None]
-        if refused:
+        if of_runs:
             raise ValueError(
-                f"{', '.join(refused)}: a recording is drawn as it is; "
+                f"{_typed(of_runs)}: a recording is drawn as it is; "
                 "to focus it, import it first: flgpr import gpr"
             )
         radargram_view = RadargramView(
@@ -180,18 +179,15 @@ def image(
         return make_radargram(run, radargram_view, outputs)
 
     _refuse_other_files(Path(run))
-    steps = (("dewow", dewow), ("background", background), ("gain", gain))
-    refused = [name for name, is_on in steps if is_on]
-    if refused or channel or until is not None or step_window is not None:
-        names = ", ".join(refused) or "channel, until or step-window"
+    if of_recordings:
         raise ValueError(
-            f"{names}: these are for recordings; of a run, `flgpr prepare` takes the steps"
+            f"{_typed(of_recordings)}: these are for recordings; of a run, `flgpr prepare` takes "
+            "the steps"
         )
     if scan is not None and scans is not None:
         raise ValueError("give scan or scans, got both")
 
-    from flgpr.commands.picture import make_picture
-    from flgpr.commands.slices import make_slices
+    from flgpr.commands.picture import make_picture, make_slices
     from flgpr.imaging import View
     from flgpr.progress import silent
 
@@ -210,10 +206,15 @@ def image(
     )
 
     if depth:
-        if anchor is not None or points != _POINTS:
+        if anchor is not None or points != 5:
             raise ValueError("anchor and points are of one picture, not of depth slices")
         return make_slices(run, depth, view, outputs, track or silent)
     return make_picture(run, view, outputs, anchor, points, track or silent)
+
+
+def _typed(names: Sequence[str]) -> str:
+    """Return names of options as they are typed."""
+    return ", ".join(names).replace("_", "-")
 
 
 def _seconds(nanoseconds: float | None) -> float | None:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from typer import Argument, Option
+from typer import Option
 
 from flgpr.commands.options import (
     AnchorOption,
@@ -17,7 +17,7 @@ from flgpr.commands.options import (
     anchor_option,
     size_in_bytes,
 )
-from flgpr.commands.shell import Arguments, command
+from flgpr.commands.shell import Arguments, command, options_given
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,17 +33,17 @@ FromTrack = Annotated[
 ]
 
 
-def written_lines(written: list[Path], _: Arguments) -> Iterator[Path]:
-    """Yield the files that were written."""
-    yield from written
-
-
-@command(lines=written_lines)
+@command()
 def import_fullwave(
-    archive: Annotated[PathLike, Argument(help="NumPy archive (.npz) of a full-wave lane.")],
+    archive: PathLike,
     output: Output,
 ) -> list[Path]:
     """Import a full-wave lane; its truth and objects, if known, are written beside the run.
+
+    Parameters
+    ----------
+    archive
+        NumPy archive (.npz) of a full-wave lane.
 
     Returns
     -------
@@ -64,6 +64,17 @@ def import_fullwave(
     return store_with_tables(lane.run, Path(output), {"truth": lane.truth, "objects": lane.objects})
 
 
+_OF_TRACKS = (
+    "clock_offset",
+    "lever_arm",
+    "latency",
+    "max_gap",
+    "above_ground",
+    "body",
+    "axes",
+)
+
+
 def _mapped_lines(imported: Imported, call: Arguments) -> Iterator[str | Path]:
     """Yield the notes of the import, and the store."""
     yield from imported.notes
@@ -72,59 +83,67 @@ def _mapped_lines(imported: Imported, call: Arguments) -> Iterator[str | Path]:
 
 @command(
     lines=_mapped_lines,
-    panels={
-        "Positions": (
-            "survey",
-            "track",
-            "anchor",
-            "anchor_from_track",
-            "clock_offset",
-            "lever_arm",
-            "latency",
-            "max_gap",
-            "above_ground",
-        ),
-        "OptiTrack Motive": ("body", "axes"),
-    },
     resumes=True,
 )
 def import_mapped(
-    mapping: Annotated[
-        PathLike, Argument(help="Mapping (TOML): which variable is what, in which unit.")
-    ],
+    mapping: PathLike,
     output: Output,
-    data: Annotated[
-        Paths | None, Option(help="Data file in place of the mapping's own; may repeat.")
-    ] = None,
-    survey: Annotated[
-        PathLike | None, Option(help="CSV of surveyed poses, a line per scan.")
-    ] = None,
-    track: Annotated[
-        PathLike | None, Option(help="CSV track, take of Motive, or NMEA log.")
-    ] = None,
+    data: Paths | None = None,
+    survey: PathLike | None = None,
+    track: PathLike | None = None,
     anchor: AnchorOption = None,
     anchor_from_track: FromTrack = False,
-    clock_offset: Annotated[float, Option(help="The track's clock less the radar's, s.")] = 0.0,
-    lever_arm: Annotated[
-        Point, Option(help="Positioning antenna in the vehicle frame, m: x y z.")
-    ] = (0.0, 0.0, 0.0),
-    latency: Annotated[float, Option(help="Delay of the track's time stamps, s.")] = 0.0,
-    max_memory: Annotated[str | int, Option(help="Largest array that is read.")] = "2GB",
-    body: Annotated[
-        str | None, Option(help="Rigid body, if the track is a take of OptiTrack Motive.")
-    ] = None,
-    axes: Annotated[
-        str | None, Option(help="Motive's axes that are x, y, z of the lane, such as x,-z,y.")
-    ] = None,
-    max_gap: Annotated[float, Option(help="Longest gap in the fixes of a track, s.")] = 1.0,
-    above_ground: Annotated[
-        float | None,
-        Option(help="Height of an NMEA log's antenna above the ground, m, in place of the log's."),
-    ] = None,
+    clock_offset: float = 0.0,
+    lever_arm: Point = (
+        0.0,
+        0.0,
+        0.0,
+    ),
+    latency: float = 0.0,
+    max_memory: str | int = "2GB",
+    body: str | None = None,
+    axes: str | None = None,
+    max_gap: float = 1.0,
+    above_ground: float | None = None,
 ) -> Imported:
     """Import HDF5, MATLAB, NumPy, MCAP, CSV, Touchstone or SigMF files by a mapping.
 
     `flgpr info FILE` drafts a mapping.
+
+    Parameters
+    ----------
+    mapping
+        Mapping (TOML): which variable is what, in which unit.
+    data
+        Data file in place of the mapping's own; may repeat.
+    max_memory
+        Largest array that is read.
+
+    Positions
+    ---------
+    survey
+        CSV of surveyed poses, a line per scan.
+    track
+        CSV track, take of Motive, or NMEA log.
+    anchor
+    anchor_from_track
+    clock_offset
+        The track's clock less the radar's, s.
+    lever_arm
+        Positioning antenna in the vehicle frame, m: x y z.
+    latency
+        Delay of the track's time stamps, s.
+    max_gap
+        Longest gap in the fixes of a track, s.
+    above_ground
+        Height of an NMEA log's antenna above the ground, m, in place of the log's.
+
+    OptiTrack Motive
+    ----------------
+    body
+        Rigid body, if the track is a take of OptiTrack Motive.
+    axes
+        Motive's axes that are x, y, z of the lane, such as x,-z,y.
 
     Returns
     -------
@@ -142,21 +161,13 @@ def import_mapped(
     -----
     An interrupted import resumes with the next scan.
     """
+    asked = locals()
     from flgpr.commands.importing import check_parent_folder, store_mapped, track_and_anchor
     from flgpr.formats.mapped import import_mapped as read_mapped
     from flgpr.formats.tracks import read_survey
     from flgpr.model.track import reference_track
 
-    of_tracks = {
-        "clock_offset": clock_offset != 0,
-        "lever_arm": any(lever_arm),
-        "latency": latency != 0,
-        "body": body is not None,
-        "axes": axes is not None,
-        "max_gap": max_gap != 1.0,
-        "above_ground": above_ground is not None,
-    }
-    dropped = [name for name, is_given in of_tracks.items() if is_given]
+    dropped = [name for name in options_given(import_mapped, asked) if name in _OF_TRACKS]
     if track is None and dropped:
         raise ValueError(
             f"{', '.join(dropped)}: these are of `track`, got none; those of the mapping's own "
@@ -195,18 +206,25 @@ def _table_lines(rows: pd.DataFrame, call: Arguments) -> Iterator[str | Path]:
 
 @command(lines=_table_lines)
 def import_table(
-    file: Annotated[PathLike, Argument(help="CSV of alarms, truth or objects, in any dialect.")],
+    file: PathLike,
     output: Output,
-    kind: Annotated[str, Option(help="What it holds: alarms, truth or objects.")] = "alarms",
-    columns: Annotated[
-        str | None, Option(help="Columns that have other names: x=Rechts,y=Hoch,confidence=Wert.")
-    ] = None,
+    kind: str = "alarms",
+    columns: str | None = None,
     anchor: Annotated[
         PathLike | None,
         anchor_option("for longitude and latitude"),
     ] = None,
 ) -> pd.DataFrame:
     """Read a table of alarms, truth or objects in any dialect, and write it as flgpr does.
+
+    Parameters
+    ----------
+    file
+        CSV of alarms, truth or objects, in any dialect.
+    kind
+        What it holds: alarms, truth or objects.
+    columns
+        Columns that have other names: x=Rechts,y=Hoch,confidence=Wert.
 
     Returns
     -------

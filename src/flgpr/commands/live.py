@@ -30,17 +30,15 @@ if TYPE_CHECKING:
     from flgpr.live.session import LiveRun
 
 Lane = Annotated[PathLike | None, lane_option()]
-Socket = Annotated[PathLike | None, Option(help="Unix socket that scans arrive on.")]
+Socket = Annotated[PathLike | None, "Unix socket that scans arrive on."]
 Tcp = Annotated[
     str | None,
-    Option(help="TCP port of this machine that scans arrive on, or ADDRESS:PORT."),
+    "TCP port of this machine that scans arrive on, or ADDRESS:PORT.",
 ]
 SecretFile = Annotated[
     PathLike | None,
-    Option(help="With --tcp: file of a secret that sender and receiver share."),
+    "With --tcp: file of a secret that sender and receiver share.",
 ]
-VIEW = Annotated[bool, Option("--view", help="Show it in the browser.")]
-NO_BROWSER = Annotated[bool, Option("--no-browser", help="With --view: print the address only.")]
 
 
 def _summary_lines(report: LiveReport, call: Arguments) -> Iterator[ErrorStreamText]:
@@ -117,15 +115,12 @@ def _print_event(line: str) -> None:
 @command(
     lines=_summary_lines,
     context=_page,
-    shell_options={"view": (VIEW, False), "no_browser": (NO_BROWSER, False)},
-    python_values=lambda call: {} if call.quiet else {"emit": _print_event},
-    panels={
-        "Where scans come from": ("socket", "tcp", "secret_file", "rate"),
-        "Recipe and lane": ("recipe", "model", "lane", "anchor"),
-        "Detection": ("looks", "warm_up", "span", "worth"),
-        "Vehicle": ("speed", "threshold", "reaction", "deceleration", "front"),
-        "Page": ("view", "no_browser"),
+    shell_flags={
+        "view": "Show it in the browser.",
+        "no_browser": "With --view: print the address only.",
     },
+    python_values=lambda call: {} if call.quiet else {"emit": _print_event},
+    panels={"Page": ("view", "no_browser")},
     compiles_kernels=True,
 )
 def live(
@@ -133,10 +128,8 @@ def live(
         PathLike | None,
         Argument(help="Folder that the radar writes scans into, or a recording (.mcap) to play."),
     ] = None,
-    recipe: Annotated[
-        str | None, Option(help="Packaged recipe or TOML file; else one is made for the run.")
-    ] = None,
-    model: Annotated[PathLike | None, Option(help="Trained classifier.")] = None,
+    recipe: str | None = None,
+    model: PathLike | None = None,
     output: Annotated[
         PathLike, output_option("folder of events, snapshot and alarms")
     ] = "live-result",
@@ -145,55 +138,80 @@ def live(
     secret_file: SecretFile = None,
     lane: Lane = None,
     anchor: AnchorOption = None,
-    speed: Annotated[
-        float | None,
-        Option(help="Speed of the vehicle, km/h: alarms then state whether it can stop."),
-    ] = None,
-    reaction: Annotated[
-        float | None, Option(help="Time until the brakes hold, s; default the recipe's.")
-    ] = None,
-    deceleration: Annotated[
-        float | None,
-        Option(help="Deceleration of the braking vehicle, m/s²; default the recipe's."),
-    ] = None,
-    front: Annotated[
-        float | None,
-        Option(help="Vehicle's foremost point ahead of the array, m; default the recipe's."),
-    ] = None,
-    looks: Annotated[int, Option(help="Scans that must have seen a point before an alarm.")] = 3,
+    speed: float | None = None,
+    reaction: float | None = None,
+    deceleration: float | None = None,
+    front: float | None = None,
+    looks: int = 3,
     warm_up: Annotated[
         int,
         Option(min=3, help="The first scan to be cleaned; earlier ones only train the background."),
     ] = 5,
-    span: Annotated[
-        int | None, Option(help="Scans that the background is estimated from; all by default.")
-    ] = None,
-    snapshot: Annotated[int, Option(help="Scans between snapshots; 0 writes only the last.")] = 20,
-    idle: Annotated[float | None, Option(help="End after this time without a scan, s.")] = None,
-    threshold: Annotated[
-        float | None,
-        Option(help="Confidence from which an alarm counts; default the recipe's, else all."),
-    ] = None,
-    rate: Annotated[
-        float | None,
-        Option(help="Recording: scans per second, 0 as fast as it can; default as recorded."),
-    ] = None,
-    worth: Annotated[
-        float,
-        Option(help="Probability of another decision from which an alarm advises one more look."),
-    ] = 0.1,
-    mcap: Annotated[
-        bool, Option("--mcap", help="At the end write live.mcap, which Foxglove plays.")
-    ] = False,
+    span: int | None = None,
+    snapshot: int = 20,
+    idle: float | None = None,
+    threshold: float | None = None,
+    rate: float | None = None,
+    worth: float = 0.1,
+    mcap: bool = False,
     fresh: Annotated[bool, Option("--overwrite", "--fresh", help=OVERWRITE_HELP)] = False,
     *,
-    emit: Annotated[
-        Callable[[str], Any] | None, "Takes every event, a line of JSON; none by default."
-    ] = None,
+    emit: Callable[[str], Any] | None = None,
 ) -> LiveReport:
     """Raise alarms while scans come in.
 
     Events are printed as lines of JSON, a summary on the error stream.
+
+    Parameters
+    ----------
+    snapshot
+        Scans between snapshots; 0 writes only the last.
+    idle
+        End after this time without a scan, s.
+    mcap
+        At the end write live.mcap, which Foxglove plays.
+    emit
+        Takes every event, a line of JSON; none by default.
+
+    Where scans come from
+    ---------------------
+    socket
+    tcp
+    secret_file
+    rate
+        Recording: scans per second, 0 as fast as it can; default as recorded.
+
+    Recipe and lane
+    ---------------
+    recipe
+        Packaged recipe or TOML file; else one is made for the run.
+    model
+        Trained classifier.
+    lane
+    anchor
+
+    Detection
+    ---------
+    looks
+        Scans that must have seen a point before an alarm.
+    warm_up
+    span
+        Scans that the background is estimated from; all by default.
+    worth
+        Probability of another decision from which an alarm advises one more look.
+
+    Vehicle
+    -------
+    speed
+        Speed of the vehicle, km/h: alarms then state whether it can stop.
+    threshold
+        Confidence from which an alarm counts; default the recipe's, else all.
+    reaction
+        Time until the brakes hold, s; default the recipe's.
+    deceleration
+        Deceleration of the braking vehicle, m/s²; default the recipe's.
+    front
+        Vehicle's foremost point ahead of the array, m; default the recipe's.
 
     Returns
     -------
@@ -218,7 +236,7 @@ def live(
         optional("mcap.writer", "bags")  # that it is missing is told before the drive
     played = None
     if incoming is not None and Path(incoming).is_file():
-        from flgpr.commands.recorded import read_recorded
+        from flgpr.commands.positions import read_recorded
 
         played = read_recorded(incoming, anchor)
     if speed is not None and not 0 < speed < 360:
@@ -262,23 +280,33 @@ def live(
 
 @command(lines=lambda count, _: [f"played {count} scans"])
 def feed(
-    run: Annotated[PathLike, Argument(help="Run store.")],
+    run: PathLike,
     incoming: Annotated[PathLike | None, Argument(help="Folder to write scans into.")] = None,
-    rate: Annotated[float, Option(help="Scans per second; 0 plays as fast as it can.")] = 4.2,
+    rate: float = 4.2,
     socket: Socket = None,
     tcp: Tcp = None,
     secret_file: SecretFile = None,
-    first: Annotated[int, Option(help="First scan.")] = 0,
-    count: Annotated[int | None, Option(help="Number of scans; default all.")] = None,
-    lead: Annotated[
-        float, Option(help="Time between the run's description and its first scan, s.")
-    ] = 2.0,
-    fault: Annotated[
-        Sequence[str] | None,
-        Option(help="Rehearse a fault: lost, late, twice, nan or jump, as lost:40:13; may repeat."),
-    ] = None,
+    first: int = 0,
+    count: int | None = None,
+    lead: float = 2.0,
+    fault: Sequence[str] | None = None,
 ) -> int:
     """Play a stored run as the radar would write it.
+
+    Parameters
+    ----------
+    run
+        Run store.
+    rate
+        Scans per second; 0 plays as fast as it can.
+    first
+        First scan.
+    count
+        Number of scans; default all.
+    lead
+        Time between the run's description and its first scan, s.
+    fault
+        Rehearse a fault: lost, late, twice, nan or jump, as lost:40:13; may repeat.
 
     Returns
     -------

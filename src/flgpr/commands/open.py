@@ -9,8 +9,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from typer import Argument
-
 from flgpr.commands.options import OneOrMorePaths, PathLike, one_or_more, output_option
 from flgpr.commands.shell import Arguments, command
 
@@ -48,11 +46,9 @@ def _lines(opened: Opened, _: Arguments) -> Iterator[str | Path]:
     yield f"next: {opened.next}"
 
 
-@command(lines=_lines, as_json=lambda opened, _: opened.as_json(), quiet=False)
+@command(lines=_lines, as_json=True, quiet=False)
 def open_files(
-    paths: Annotated[
-        OneOrMorePaths, Argument(help="File of any format, or all files of one measurement.")
-    ],
+    paths: OneOrMorePaths,
     output: Annotated[
         PathLike | None, output_option("mapping, TOML; the picture lies beside it as .png")
     ] = None,
@@ -61,6 +57,11 @@ def open_files(
 
     A mapping is drafted and a picture drawn; without an output they lie in the folder where the
     command is given, under the name of the first file.
+
+    Parameters
+    ----------
+    paths
+        File of any format, or all files of one measurement.
 
     Returns
     -------
@@ -180,8 +181,8 @@ def _draw(files: Sequence[Path], picture: Path) -> Path | None:
     from flgpr.formats.array_file import LIMIT
     from flgpr.formats.draft_groups import group_files
     from flgpr.formats.draft_roles import Roles
+    from flgpr.report.images import opened_figure
     from flgpr.report.kit import figure_png
-    from flgpr.report.opened import opened_figure
     from flgpr.store.outputs import write_new
 
     roles = Roles(group_files(list(files), LIMIT))

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Optional, Union
 
-from typer import Argument, Option
+from typer import Option
 
 if TYPE_CHECKING:
     import pandas
@@ -85,12 +85,10 @@ def _more(sign: str, text: str) -> str:
 Output = Annotated[PathLike, output_option()]
 Overwrite = Annotated[
     bool,
-    Option("--overwrite", help=OVERWRITE_HELP),
+    OVERWRITE_HELP,
     ShellDefault(False),  # a command that is typed again must not destroy earlier work
 ]
-Scheduler = Annotated[
-    str | None, Option(help="Dask scheduler (tcp://host:8786) whose workers do the work.")
-]
+Scheduler = Annotated[str | None, "Dask scheduler (tcp://host:8786) whose workers do the work."]
 With = Annotated[
     Sequence[str] | Sequence[Mapping[str, RunLike]] | Mapping[str, RunLike],
     Option(
@@ -98,7 +96,7 @@ With = Annotated[
         help="NAME=RUN: another run of the lane, such as a second band; once per name and run.",
     ),
 ]
-RunArgument = Annotated[PathLike, Argument(help="Run store.")]
+RunArgument = Annotated[PathLike, "Run store."]
 AnchorOption = Annotated[PathLike | None, anchor_option()]
 Progress = Annotated[Optional["Track"], "Shows progress; silent by default."]
 

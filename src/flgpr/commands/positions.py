@@ -1,4 +1,4 @@
-"""Anchors, tracks and columns of tables, read as options name them."""
+"""Anchors, tracks, columns of tables and recordings, read as options name them."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import xarray as xr
 from flgpr.geo.anchor import Anchor, own_anchor, read_anchor
 from flgpr.store.dialects import TableReading, parse_columns_option
 from flgpr.store.files import existing
+from flgpr.store.notes import log_note
 
 PathLike = str | Path
 
@@ -135,3 +136,48 @@ def track_of(
             f"{path}: a track of a satellite receiver needs an anchor to lie in the lane"
         )
     return read_nmea(path, lane_anchor, height=above_ground)
+
+
+def read_recorded(path: PathLike, anchor: PathLike | None = None) -> xr.Dataset:
+    """Read the run of a recording that is named in place of a folder of scans.
+
+    Parameters
+    ----------
+    path : path
+        MCAP file with its mapping beside it, ``NAME.toml`` for ``NAME.mcap``; or the mapping of
+        any recording.
+    anchor : path, optional
+        TOML that ties the lane to the Earth, for recordings with longitude and latitude.
+
+    Returns
+    -------
+    Dataset
+        The run.
+
+    Raises
+    ------
+    ValueError
+        If the file is neither, there is no mapping, or the recording does not fit it.
+    """
+    from flgpr.formats.mapped import import_mapped  # the readers of array files are slow
+
+    file = Path(path)
+    lane_anchor = read_optional_anchor(anchor)
+    if file.suffix == ".toml":
+        imported = import_mapped(file, anchor=lane_anchor)
+    elif file.suffix == ".mcap":
+        mapping = file.with_suffix(".toml")
+        if not mapping.is_file():
+            raise ValueError(
+                f"{file}: a recording is read by a mapping, {mapping}, which does not exist: "
+                f"flgpr info {file} drafts one"
+            )
+        imported = import_mapped(mapping, file, anchor=lane_anchor)
+    else:
+        raise ValueError(
+            "incoming must be a folder that a radar writes into, a recording (.mcap) or a mapping "
+            f"of one (.toml), got {file}"
+        )
+    for note in imported.notes:
+        log_note(note)
+    return imported.run

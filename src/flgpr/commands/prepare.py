@@ -2,60 +2,59 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Option
-
 from flgpr.commands.options import Limits, Output, PathLike, RunArgument, ShellType, size_in_bytes
-from flgpr.commands.shell import Arguments, command
+from flgpr.commands.shell import command, options_given
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
-def _lines(_: xr.Dataset, call: Arguments) -> Iterator[Path]:
-    """Yield the store that was written."""
-    yield call.output
-
-
-@command(lines=_lines)
+@command()
 def prepare(
     run: RunArgument,
     output: Output,
-    subtract: Annotated[
-        PathLike | None, Option(help="Run to subtract, such as one without the target.")
-    ] = None,
-    time_zero: Annotated[
-        float | None, Option(help="Shift of time zero to a later time, ns.")
-    ] = None,
-    dewow: Annotated[
-        float | None, Option(help="Subtract a running mean over this time, ns, from each trace.")
-    ] = None,
-    gate: Annotated[
-        Limits | None,
-        Option(help="Set to zero what arrives before and after, ns: the direct wave."),
-    ] = None,
-    background: Annotated[
-        bool, Option("--background", help="Subtract what is the same in all scans.")
-    ] = False,
-    background_scans: Annotated[
-        int | None, Option(help="The same, over this number of scans around each.")
-    ] = None,
-    band: Annotated[Limits | None, Option(help="Band to keep, GHz.")] = None,
-    power: Annotated[float | None, Option(help="Amplify by this power of time.")] = None,
-    agc: Annotated[
-        float | None, Option(help="Bring all times to one level, over a window of this time, ns.")
-    ] = None,
-    steps: Annotated[
-        PathLike | Sequence[Mapping[str, Any]] | None,
-        Option(help="TOML of steps in any order, in place of all these."),
-        ShellType(Path),
-    ] = None,
-    max_memory: Annotated[str | int, Option(help="Largest memory that is used.")] = "2GB",
+    subtract: PathLike | None = None,
+    time_zero: float | None = None,
+    dewow: float | None = None,
+    gate: Limits | None = None,
+    background: bool = False,
+    background_scans: int | None = None,
+    band: Limits | None = None,
+    power: float | None = None,
+    agc: float | None = None,
+    steps: Annotated[PathLike | Sequence[Mapping[str, Any]] | None, ShellType(Path)] = None,
+    max_memory: str | int = "2GB",
 ) -> xr.Dataset:
     """Prepare raw data, in the order of the options. The new run's history holds the steps.
+
+    Parameters
+    ----------
+    subtract
+        Run to subtract, such as one without the target.
+    time_zero
+        Shift of time zero to a later time, ns.
+    dewow
+        Subtract a running mean over this time, ns, from each trace.
+    gate
+        Set to zero what arrives before and after, ns: the direct wave.
+    background
+        Subtract what is the same in all scans.
+    background_scans
+        The same, over this number of scans around each.
+    band
+        Band to keep, GHz.
+    power
+        Amplify by this power of time.
+    agc
+        Bring all times to one level, over a window of this time, ns.
+    steps
+        TOML of steps in any order, in place of all these.
+    max_memory
+        Largest memory that is used.
 
     Returns
     -------
@@ -69,25 +68,27 @@ def prepare(
     FileExistsError
         If another run is at the output.
     """
+    options = options_given(prepare, locals())
     from flgpr.commands.preparing import check_steps, prepare_run, read_steps
 
     # The order is that of usual processing: geometry and noise first, amplitudes last.
-    in_order: dict[str, dict[str, Any] | None] = {
-        "subtract": _entry(subtract, run=str(subtract)),
-        "time-zero": _entry(time_zero, delay_ns=time_zero),
-        "dewow": _entry(dewow, length_ns=dewow),
-        "gate": _limits_entry(gate, "start_ns", "stop_ns"),
-        "background": _entry(background or background_scans, scans=background_scans),
-        "band": _limits_entry(band, "low_ghz", "high_ghz"),
-        "power": _entry(power, exponent=power),
-        "agc": _entry(agc, window_ns=agc),
+    in_order: dict[str, dict[str, Any]] = {
+        "subtract": {"run": str(subtract)},
+        "time_zero": {"delay_ns": time_zero},
+        "dewow": {"length_ns": dewow},
+        "gate": dict(zip(("start_ns", "stop_ns"), gate or (), strict=False)),
+        "background": {"scans": background_scans},
+        "band": dict(zip(("low_ghz", "high_ghz"), band or (), strict=False)),
+        "power": {"exponent": power},
+        "agc": {"window_ns": agc},
     }
-
-    entries: list[dict[str, Any]] = []
-    for name, values in in_order.items():
-        if values is not None:
-            entries.append({"do": name, **values})
-
+    if background_scans:
+        options.append("background")
+    entries = [
+        {"do": name.replace("_", "-"), **values}
+        for name, values in in_order.items()
+        if name in options
+    ]
     if steps is None:
         listed = check_steps(entries)
     elif not isinstance(steps, str | Path):
@@ -98,13 +99,3 @@ def prepare(
     else:
         listed = read_steps(steps)
     return prepare_run(run, listed, output, size_in_bytes(max_memory))
-
-
-def _entry(option: Any, **values: Any) -> dict[str, Any] | None:
-    """Return the entries of a step, or none where its option was not given."""
-    return None if option is None or option is False else values
-
-
-def _limits_entry(option: Limits | None, first: str, second: str) -> dict[str, Any] | None:
-    """Return the entries of a step that has two limits."""
-    return None if option is None else {first: option[0], second: option[1]}

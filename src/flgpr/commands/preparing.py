@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -155,6 +155,21 @@ def check_steps(entries: Sequence[Mapping[str, Any]]) -> list[Step]:
         raise ValueError(first_fault(error, _Steps)) from None
 
 
+def apply_steps(
+    run: xr.Dataset,
+    steps: Sequence[Step],
+    check: Callable[[Step, xr.Dataset], None] = lambda *_: None,
+) -> xr.Dataset:
+    """Return a run after steps; an error names the step, as does one of the check before each."""
+    for number, step in enumerate(steps, 1):
+        try:
+            check(step, run)
+            run = step.apply(run)
+        except ValueError as error:
+            raise ValueError(f"step {number}, {step.do}: {error}") from None
+    return run
+
+
 def prepare_run(
     run: PathLike, steps: Sequence[Step], output: PathLike, max_memory: int = MAX_MEMORY
 ) -> xr.Dataset:
@@ -193,13 +208,7 @@ def prepare_run(
             f"it takes {size / 1e9:.3g} GB"
         )
 
-    prepared = stored.compute()
-    for number, step in enumerate(steps, 1):
-        try:
-            prepared = step.apply(prepared)
-        except ValueError as error:
-            raise ValueError(f"step {number}, {step.do}: {error}") from None
-
+    prepared = apply_steps(stored.compute(), steps)
     history = list(stored.attrs.get("history", []))
     for step in steps:
         history.append(step.model_dump(exclude_none=True, mode="json"))

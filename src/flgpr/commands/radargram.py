@@ -19,7 +19,7 @@ from flgpr.clutter.radargram_steps import (
     samples_until,
     window_samples,
 )
-from flgpr.commands.drawings import files_to_write, write_drawing
+from flgpr.commands.picture import files_to_write, noted, write_drawing
 from flgpr.formats.reader import recording_reader
 from flgpr.formats.section import GprSection
 from flgpr.model import SPEED_OF_LIGHT
@@ -71,10 +71,9 @@ class Radargram:
         yield f"{self.title}: {traces} traces x {samples} samples, {self.unit}"
         for step in self.steps:
             yield f"step: {step}"
-        for assumption in self.notes:
-            yield f"note: {assumption}"
+        yield from noted(self.notes)
 
-    def summary(self) -> dict[str, Any]:
+    def as_json(self) -> dict[str, Any]:
         """Return the figures of the radargram."""
         traces, samples = self.values.shape
         return {
@@ -204,7 +203,7 @@ def _chosen_traces(count: int, limits: tuple[int, int] | None) -> IntArray:
 
 def _figure(drawn: Radargram) -> Figure:
     """Draw a radargram."""
-    from flgpr.report.radargram import radargram_figure
+    from flgpr.report.images import radargram_figure
 
     return radargram_figure(
         drawn.values,

@@ -20,7 +20,14 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from flgpr.commands.picture import Picture, picture_of
-from flgpr.commands.preparing import RemoveBackground, Step, Subtract, TimeZero, check_steps
+from flgpr.commands.preparing import (
+    RemoveBackground,
+    Step,
+    Subtract,
+    TimeZero,
+    apply_steps,
+    check_steps,
+)
 from flgpr.commands.run_report import geometry_doubts
 from flgpr.formats.reader import is_recording, recording_reader
 from flgpr.health.channels import channel_health, disturbed_tones, health_summary
@@ -330,12 +337,7 @@ class RawRun:
         needs_all = any(isinstance(step, RemoveBackground) for step in steps)
         if not needs_all:
             run = run.isel(chosen)
-        for number, step in enumerate(steps, 1):
-            _check_effort(number, step, run)
-            try:
-                run = step.apply(run)
-            except ValueError as error:
-                raise ValueError(f"step {number}, {step.do}: {error}") from None
+        run = apply_steps(run, steps, _check_effort)
         return run.isel(chosen) if needs_all else run
 
     def _polarization(self, label: str) -> xr.Dataset:
@@ -362,14 +364,13 @@ class RawRun:
         return run
 
 
-def _check_effort(number: int, step: Step, run: xr.Dataset) -> None:
+def _check_effort(step: Step, run: xr.Dataset) -> None:
     """Refuse a step that keeps a page waiting: a background over scans around each."""
-    if not isinstance(step, RemoveBackground) or not step.scans:
-        return
-    if step.scans * run["signal"].size > _MOST_RUNNING:
-        raise ValueError(
-            f"step {number}, background: {step.scans} scans take too long here, use flgpr prepare"
-        )
+    if (
+        isinstance(step, RemoveBackground)
+        and (step.scans or 0) * run["signal"].size > _MOST_RUNNING
+    ):
+        raise ValueError(f"{step.scans} scans take too long here, use flgpr prepare")
 
 
 def _delay_bins(query: _Query, scans: int, frequency: FloatArray, start: float) -> DelayBins:

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from flgpr.model.units import UNITS
+from flgpr.report.trial_block import borders_in_words
 from flgpr.scoring import as_lanes
 from flgpr.scoring.matching import LaneLike, Match
 from flgpr.store.notes import log_note
@@ -65,14 +66,14 @@ def targets_in_reach(
         return targets, {}
     if outside > _MOST_OUTSIDE * count:
         raise ValueError(
-            f"truth must lie in the ground that was searched ({_borders(lanes)}): {outside} of "
+            f"truth must lie in the ground that was searched ({borders_in_words(as_lanes(lanes))}): {outside} of "
             f"{count} targets of {name} lie more than the halo of {halo:g} m outside; "
             f"{_other_axes(targets, lanes, halo)}"
         )
     identifiers = [str(value) for value in targets.loc[~in_reach, "target_id"]]
     log_note(
         f"{name}: {outside} of {count} targets lie more than the halo of {halo:g} m outside the "
-        f"ground that was searched ({_borders(lanes)}); they are counted apart, not as misses: "
+        f"ground that was searched ({borders_in_words(as_lanes(lanes))}); they are counted apart, not as misses: "
         f"{', '.join(identifiers)}"
     )
     return targets[in_reach], {"targets_outside": identifiers}
@@ -107,23 +108,16 @@ def are_near(table: pd.DataFrame, lanes: LaneLike, margin: float = 0.0) -> BoolA
     return in_reach
 
 
-def _borders(lanes: LaneLike) -> str:
-    """Return the borders of the lanes in words."""
-    in_words = []
-    for name, lane in as_lanes(lanes).items():
-        borders = f"x {lane.x_min:g} to {lane.x_max:g} m, y {lane.y_min:g} to {lane.y_max:g} m"
-        in_words.append(f"{name}: {borders}" if name else borders)
-    return "; ".join(in_words)
-
-
 def _other_axes(targets: pd.DataFrame, lanes: LaneLike, halo: float) -> str:
     """Return in words how many targets would be in reach with other axes."""
     trials = {
         "x and y swapped": targets.rename(columns={"x": "y", "y": "x"}),
         "the other sign of x": targets.assign(x=-targets["x"]),
         "the other sign of y": targets.assign(y=-targets["y"]),
-        **{unit: _scaled(targets, UNITS["length"][unit]) for unit in ("ft", "cm")},
     }
+    for unit in ("ft", "cm"):
+        factor = UNITS["length"][unit]
+        trials[unit] = targets.assign(x=factor * targets["x"], y=factor * targets["y"])
     counts = {}
     for trial, changed in trials.items():
         counts[trial] = int(are_near(changed, lanes, halo).sum())
@@ -135,11 +129,6 @@ def _other_axes(targets: pd.DataFrame, lanes: LaneLike, halo: float) -> str:
         "none of the other axes and units tried brings them there: are they of another lane, or "
         "in another frame (longitude and latitude, or a map's, need an `anchor`)?"
     )
-
-
-def _scaled(targets: pd.DataFrame, factor: float) -> pd.DataFrame:
-    """Return targets whose positions are multiplied by a factor."""
-    return targets.assign(x=factor * targets["x"], y=factor * targets["y"])
 
 
 def table_doubts(table: pd.DataFrame, kind: str, lanes: LaneLike) -> list[str]:
@@ -287,7 +276,7 @@ def refuse_elsewhere(alarms: pd.DataFrame, lanes: LaneLike, name: str) -> dict[s
         x = alarms["x"]
         y = alarms["y"]
         raise ValueError(
-            f"alarms must lie in the lane ({_borders(lanes)}): all {outside} of {name} lie "
+            f"alarms must lie in the lane ({borders_in_words(as_lanes(lanes))}): all {outside} of {name} lie "
             f"outside, x {x.min():g} to {x.max():g}, y {y.min():g} to {y.max():g}; "
             f"{_other_axes(alarms, lanes, 0.0)}"
         )

@@ -6,8 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Argument, Option
-
 from flgpr.commands.options import PathLike, RunArgument, ShellType, output_option
 from flgpr.commands.shell import Arguments, RawText, command
 
@@ -15,7 +13,7 @@ if TYPE_CHECKING:
     from flgpr.recipe.schema import Recipe
     from flgpr.recipe.suggest import Suggestions
 
-RecipeArgument = Annotated[PathLike, Argument(help="Packaged recipe or TOML file."), ShellType(str)]
+RecipeArgument = Annotated[PathLike, "Packaged recipe or TOML file.", ShellType(str)]
 
 
 @command(
@@ -62,16 +60,17 @@ def show_recipe(name: RecipeArgument) -> str:
 def recipe_for(
     run: RunArgument,
     output: Annotated[PathLike | None, output_option("TOML file; else it is printed")] = None,
-    like: Annotated[
-        PathLike | None,
-        Option(help="Recipe whose method it has, such as fused; by default parts of wang2007."),
-        ShellType(str),
-    ] = None,
+    like: Annotated[PathLike | None, ShellType(str)] = None,
 ) -> str:
     """Make a recipe for a run's band, polarizations and array.
 
     Comments in it state where each figure comes from. With --like what belongs to the array comes
     from the run, and all else from another recipe.
+
+    Parameters
+    ----------
+    like
+        Recipe whose method it has, such as fused; by default parts of wang2007.
 
     Returns
     -------
@@ -118,7 +117,7 @@ def _suggestion_lines(suggestions: Suggestions, call: Arguments) -> Iterator[Any
 
 @command(
     lines=_suggestion_lines,
-    as_json=lambda suggestions, _: suggestions.as_json(),
+    as_json=True,
     quiet=False,
 )
 def suggest_recipe(run: RunArgument) -> Suggestions:

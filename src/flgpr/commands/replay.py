@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-from typer import Argument, Option
-
-from flgpr.commands.compared_recipes import detect_compared
 from flgpr.commands.options import PathLike, Progress
+from flgpr.commands.runs import detect_compared
 from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:
@@ -31,20 +29,27 @@ def _lines(outcome: dict[str, Any], _: Arguments) -> Iterator[str]:
 
 @command(
     lines=_lines,
-    as_json=lambda outcome, _: outcome,
+    as_json=True,
     status=lambda outcome: 0 if outcome["agrees"] else 1,
     always_printed=True,
 )
 def replay(
-    result: Annotated[PathLike, Argument(help="Result folder.")],
-    run: Annotated[PathLike | None, Option(help="Run store, if it has moved since.")] = None,
+    result: PathLike,
+    run: PathLike | None = None,
     *,
     track: Progress = None,
-    tolerance: Annotated[
-        float, "Largest relative L2 difference of run-views that agree, for another machine."
-    ] = 1e-3,
+    tolerance: float = 1e-3,
 ) -> dict[str, Any]:
     """Run a result's recipe again and compare; exit status 1 if it does not agree.
+
+    Parameters
+    ----------
+    result
+        Result folder.
+    run
+        Run store, if it has moved since.
+    tolerance
+        Largest relative L2 difference of run-views that agree, for another machine.
 
     Returns
     -------

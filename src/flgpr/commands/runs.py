@@ -5,19 +5,26 @@ from __future__ import annotations
 import os
 import tempfile
 import weakref
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from flgpr.commands.options import PathLike, size_in_bytes
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from flgpr.jobs.workers import RunOptions
+    from flgpr.method.detection import Detection
+    from flgpr.model import Lane
     from flgpr.progress import Track
     from flgpr.results.result import Result
 
-
 _MOST_WORKERS = 8  # for each core
+T = TypeVar("T")
+DEMO_COMPARISONS = ("mean-self-signature", "median-self-signature", "roadside-suppressed")
+"""Names, after ``demo-``, of the recipes that the demonstration compares with the recipe demo."""
 
 
 def is_in_memory(run: Any) -> bool:
@@ -128,3 +135,34 @@ def run_options(
     return RunOptions(
         workers, scheduler, memory, track or silent, note or ignore_report, pass_cache
     )
+
+
+def detect_compared(run: xr.Dataset, name: str, text: str, lane: Lane, track: Track) -> Detection:
+    """Detect on a run by a recipe that is compared with a result's own.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        The run.
+    name : str
+        Name of the detection.
+    text : str
+        The recipe, TOML.
+    lane : Lane
+        The lane.
+    track : Track
+        Shows progress.
+
+    Returns
+    -------
+    Detection
+        The detection, under its name.
+    """
+    from flgpr.method.method import detect
+    from flgpr.recipe.schema import parse_recipe
+
+    def track_with_name(items: Iterable[T], label: str, total: int) -> Iterable[T]:
+        return track(items, f"{name}: {label}", total)
+
+    detection = detect(run, parse_recipe(text), lane, track_with_name)
+    return replace(detection, name=name, recipe_text=text)

@@ -7,9 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
-from typer import Argument, Option
-
 from flgpr.commands.agree import agree, agreement_json, agreement_lines
+from flgpr.commands.compare import compare, comparison_json, comparison_text
 from flgpr.commands.options import (
     Overwrite,
     PathLike,
@@ -20,7 +19,7 @@ from flgpr.commands.options import (
     one_or_more,
     output_option,
 )
-from flgpr.commands.score_options import (
+from flgpr.commands.score_request import (
     PANELS,
     Book,
     Columns,
@@ -35,17 +34,31 @@ from flgpr.commands.score_options import (
     Unranked,
     Vendor,
     Witness,
-    given,
     path_of_list,
     refuse,
     require_lists,
     require_witnessed,
+    score_request,
     truth_path,
 )
-from flgpr.commands.score_request import ScoreRequest, Trial
-from flgpr.commands.score_text import answer_json, answer_lines
-from flgpr.commands.shell import Arguments, ErrorStreamText, command
+from flgpr.commands.score_text import score_lines, score_summary, written_json
+from flgpr.commands.shell import Arguments, ErrorStreamText, command, options_given
 from flgpr.commands.trials import needed_trials
+
+_OF_AGREEMENT = {"alarms", "agreement", "overwrite"}
+_OF_SEAL = {"alarms", "seal", "lane", "output", "halo", "show", "book", "witness", "overwrite"}
+_NOT_SEALED = {
+    "truth",
+    "objects",
+    "far",
+    "columns",
+    "truth_columns",
+    "anchor",
+    "lane",
+    "halo",
+    "show",
+}
+_WITHOUT_PICTURES = "several lists are compared without pictures"
 
 
 def _lines(returned: Any, call: Arguments) -> Iterator[Any]:
@@ -56,18 +69,28 @@ def _lines(returned: Any, call: Arguments) -> Iterator[Any]:
     elif call.agreement:
         yield from agreement_lines(returned)
         yield ErrorStreamText("`flgpr score --agreement` is `flgpr agree` now")
-    else:
-        yield from answer_lines(returned, Path(call.output or "score"))
-        if len(call.alarms) > 1:
-            yield ErrorStreamText("`flgpr score` of several lists is `flgpr compare` now")
+    elif len(call.alarms) > 1:
+        yield from comparison_text(returned, call)
+        yield ErrorStreamText("`flgpr score` of several lists is `flgpr compare` now")
+    elif returned is not None:  # else this very score of a sealed truth is there
+        folder = Path(call.output or "score")
+        if call.sealed is None:
+            folder = returned.folder
+            yield from score_lines(returned.scores)
+        else:
+            yield from needed_trials("`sealed`").lines(returned)
+        yield f"report: {(folder / 'report.html').resolve()}"
 
 
 def _as_json(returned: Any, call: Arguments) -> Any:
     """Return the summary of a score, the agreements, or the JSON that was written."""
     if call.agreement:
         return agreement_json(returned)
-    report = "comparison.json" if len(call.alarms) > 1 else "roc.json"
-    return answer_json(returned, Path(call.output or "score"), report)
+    if len(call.alarms) > 1:
+        return comparison_json(returned, call)
+    if call.sealed is None and not call.seal:
+        return score_summary(returned)
+    return written_json(Path(call.output or "score"), "roc.json")
 
 
 def _passphrase(call: Arguments) -> dict[str, Any]:
@@ -87,14 +110,9 @@ def _passphrase(call: Arguments) -> dict[str, Any]:
     panels={**PANELS, "Earlier spellings": ("seal", "show", "agreement")},
 )
 def score(
-    alarms: Annotated[
-        ResultsLike,
-        Argument(help="Result folder, or an alarm list (CSV) of any detector."),
-    ],
+    alarms: ResultsLike,
     truth: Truth = None,
-    objects: Annotated[
-        PathLike | None, Option(help="CSV of rocks, posts and the like, for a result's pictures.")
-    ] = None,
+    objects: PathLike | None = None,
     lane: Annotated[
         PathLike | None,
         lane_option("or a CSV of several; a result folder has its own"),
@@ -103,23 +121,15 @@ def score(
         PathLike | None,
         output_option("folder of the report and its JSON"),
     ] = None,
-    halo: Annotated[
-        float | None,
-        Option(
-            help="Halo radius in metres, for alarm lists (1 m by default); a result has its "
-            "recipe's."
-        ),
-    ] = None,
+    halo: float | None = None,
     far: Far = None,
-    seal: Annotated[bool, Option("--seal", help="The same as flgpr seal.")] = False,
-    show: Annotated[
-        str | None, Option(help="With --seal: see flgpr seal."), ShellType(Show)
-    ] = None,
+    seal: bool = False,
+    show: Annotated[str | None, ShellType(Show)] = None,
     sealed: Sealed = None,
     recipe: Recipes = None,
     book: Book = None,
     witness: Witness = None,
-    agreement: Annotated[bool, Option("--agreement", help="The same as flgpr agree.")] = False,
+    agreement: bool = False,
     columns: Columns = None,
     truth_columns: TruthColumns = None,
     anchor: ListAnchor = None,
@@ -131,6 +141,21 @@ def score(
     track: Progress = None,
 ) -> Any:
     """Score a result or an alarm list against truth, open or sealed.
+
+    Parameters
+    ----------
+    alarms
+        Result folder, or an alarm list (CSV) of any detector.
+    objects
+        CSV of rocks, posts and the like, for a result's pictures.
+    halo
+        Halo radius in metres, for alarm lists (1 m by default); a result has its recipe's.
+    seal
+        The same as flgpr seal.
+    show
+        With --seal: see flgpr seal.
+    agreement
+        The same as flgpr agree.
 
     Returns
     -------
@@ -147,35 +172,20 @@ def score(
     FileExistsError
         If another score is at the output and is not to be overwritten.
     """
-    from flgpr.commands.positions import table_reading
-    from flgpr.commands.scoring import compare_lists, score_one, score_output
-    from flgpr.commands.trial_card import stated_card
+    asked = locals()
+    from flgpr.commands.scoring import score_one, score_output
     from flgpr.progress import silent
 
     lists = [path_of_list(entry) for entry in one_or_more(alarms)]
-    of_open_truth = {
-        "truth": truth,
-        "objects": objects,
-        "far": far,
-        "columns": columns,
-        "truth_columns": truth_columns,
-        "anchor": anchor,
-    }
-    of_lists = {
-        "sealed": sealed,
-        "recipe": recipe or None,
-        "vendor": vendor or None,
-        "unranked": unranked or None,
-    }
-    ground = {"lane": lane, "halo": halo, "show": show}
+    options = options_given(score, asked)
     require_witnessed(witness, book, sealed)
     if agreement:
-        others = {"output": output, "book": book, "seal": seal or None}
         why = "`agreement` compares verdicts with one another and prints the table"
-        refuse(of_open_truth | of_lists | ground | others, why)
+        refuse((name for name in options if name not in _OF_AGREEMENT), why)
         return agree(lists)
     if seal:
-        refuse(of_open_truth | of_lists, "`seal` seals a truth with its lane and halo")
+        why = "`seal` seals a truth with its lane and halo"
+        refuse((name for name in options if name not in _OF_SEAL), why)
         require_lists(lists, "truth file")
         if lane is None or output is None or len(lists) > 1:
             raise ValueError(
@@ -185,37 +195,24 @@ def score(
         return seal_truth(lists[0], lane, output, halo, show, book, witness, passphrase=passphrase)
     if sealed is not None:
         why = "`sealed` scores by the rules that the truth was sealed with"
-        refuse(of_open_truth | ground, why)
-    refuse({"show": show}, "`show` goes with `seal`")
+        refuse((name for name in options if name in _NOT_SEALED), why)
+    refuse((name for name in options if name == "show"), "`show` goes with `seal`")
     require_lists(lists)
 
-    several = len(lists) > 1
-    if several and sealed is not None:
-        raise ValueError(
-            "`sealed` scores one list, and `flgpr trial verdict` judges several, "
-            f"got {len(lists)} lists"
-        )
+    if len(lists) > 1:
+        if sealed is not None:
+            raise ValueError(
+                "`sealed` scores one list, and `flgpr trial verdict` judges several, "
+                f"got {len(lists)} lists"
+            )
+        refuse((name for name in options if name == "objects"), _WITHOUT_PICTURES)
+        names = [one.name for one in compare.__dict__["command"].parameters]
+        return compare(**{name: asked[name] for name in names})
     folder = score_output(lists, lane, output if sealed is None else output or "score")
-    report = "comparison.json" if several else "roc.json"
     with truth_path(truth, sealed) as truth_file:
-        request = ScoreRequest(
-            lists=lists,
-            truth=truth_file,
-            output=folder,
-            lane=lane,
-            objects=objects,
-            rules=given({"halo": halo, "far": far}),
-            reading=table_reading(columns, anchor, unranked),
-            truth_reading=table_reading(truth_columns, anchor),
-            trial=Trial(one_or_more(recipe), book, witness, passphrase),
-            card=stated_card(one_or_more(vendor), len(lists), folder, report, overwrite),
-            overwrite=overwrite,
-        )
+        request = score_request(asked, lists, truth_file, folder, "roc.json")
         if sealed is not None:
             return needed_trials("`sealed`").score_sealed(request)
-        if several:
-            refuse({"objects": objects}, "several lists are compared without pictures")
-            return compare_lists(request)
         scored = score_one(request, track or silent)
     # A result in memory may lie in a temporary folder, which lives as long as the result.
     return dataclasses.replace(scored, source=one_or_more(alarms)[0])

@@ -22,32 +22,8 @@ _LEFT_COLUMNS = ("target", "outcome")
 _RIGHT_COLUMNS = ("first seen", "rank", "above", "off by")
 
 
-def answer_lines(returned: Any, folder: Path) -> Iterator[Any]:
-    """Yield what is printed of a score or a comparison whose report lies in a folder."""
-    from flgpr.commands.scoring import Scored
-    from flgpr.commands.trials import needed_trials
-    from flgpr.scoring import SideBySide
-
-    if returned is None:  # this very score of a sealed truth is there
-        return
-    if isinstance(returned, SideBySide):
-        yield from comparison_lines(returned)
-        yield f"page: {(folder / 'comparison.html').resolve()}"
-        return
-    if isinstance(returned, Scored):
-        folder = returned.folder
-        yield from score_lines(returned.scores)
-    else:
-        yield from needed_trials("`sealed`").lines(returned)
-    yield f"report: {(folder / 'report.html').resolve()}"
-
-
-def answer_json(returned: Any, folder: Path, report: str) -> Any:
-    """Return the summary of a score, or the JSON of another report as it was written."""
-    from flgpr.commands.scoring import Scored
-
-    if isinstance(returned, Scored):
-        return score_summary(returned)
+def written_json(folder: Path, report: str) -> Any:
+    """Return the JSON of a report as it was written."""
     return parse_json(Folder(folder).read(report, MOST_JSON))
 
 

@@ -15,17 +15,15 @@ from typing import Any
 
 import pandas as pd
 
-from flgpr.commands.entrants import Entrant, entrant_names, find_entrants
+from flgpr.commands.entrants import Entrant, entrant_names, find_entrants, ranking_notes
 from flgpr.commands.reach import (
     refuse_elsewhere,
     targets_in_reach,
     tell_doubts,
     tell_ranking_doubts,
 )
-from flgpr.commands.score_options import refuse
 from flgpr.commands.score_output import must_write, with_last, write_score_files
-from flgpr.commands.score_request import ScoreRequest
-from flgpr.commands.trial_card import ranking_notes
+from flgpr.commands.score_request import ScoreRequest, given, refuse
 from flgpr.commands.trials import REGISTER_COLUMN, installed_trials, needed_trials
 from flgpr.door import Folder, read_named, refuse_links
 from flgpr.model import Lane
@@ -50,27 +48,6 @@ from flgpr.store.view_format import VIEW_SCORE
 from flgpr.toml_text import parse_toml
 
 PathLike = str | Path
-
-
-@dataclass(frozen=True)
-class Lists:
-    """Alarm lists that were read, and by what all of them are scored."""
-
-    entrants: list[Entrant]
-    tables: list[pd.DataFrame]  #: alarms of each list; none of a result
-    lanes: LaneLike
-    rules: Rules
-    result: Result | None = None  #: that is scored by the rules of its recipe
-    #: for the report of each list: how many of its alarms lie outside the lanes
-    outside: list[dict[str, Any]] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class OpenedTruth:
-    """Targets, and for each list what its report states of it."""
-
-    targets: pd.DataFrame
-    notes: list[dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -128,10 +105,10 @@ def score_one(request: ScoreRequest, track: Track = silent) -> Scored:
     [path] = request.lists
     is_list = path.suffix == ".csv" and not (path.parent / "manifest.json").is_file()
     if is_list or request.lane is not None:
-        refuse({"objects": request.objects}, "an alarm list is scored without pictures")
+        refuse(given({"objects": request.objects}), "an alarm list is scored without pictures")
         return score_list(request)
 
-    refuse({"halo": request.rules.get("halo")}, "a result is scored by the halo of its recipe")
+    refuse(request.rules.keys() & {"halo"}, "a result is scored by the halo of its recipe")
     reading = request.reading
     if reading is not None and (reading.columns or reading.unranked):
         name = "columns are" if reading.columns else "unranked is"
@@ -171,21 +148,22 @@ def score_list(request: ScoreRequest) -> Scored:
     refuse_links(request.output)
     entrants = find_entrants(request.lists, request.trial.recipes, request.reading)
     lanes = read_lanes(request.lane)
-    lists = _read_lists(entrants, lanes, Rules(**request.rules))
-    truth = open_truth(request, lists)
+    rules = Rules(**request.rules)
+    tables = _read_lists(entrants, lanes)
+    targets, notes = open_truth(request, entrants, lanes, rules, tables)
 
-    [table] = lists.tables
-    scored = score(table, truth.targets, lanes, lists.rules)
+    [table] = tables
+    scored = score(table, targets, lanes, rules)
     only_far = _only_far(table, scored)
     if only_far and "far" not in request.rules:
-        far_max = max(lists.rules.far_max, only_far)  # the figures reach the only point
-        rules = dataclasses.replace(lists.rules, far=only_far, far_max=far_max)
-        scored = score(table, truth.targets, lanes, rules)
+        far_max = max(rules.far_max, only_far)  # the figures reach the only point
+        rules = dataclasses.replace(rules, far=only_far, far_max=far_max)
+        scored = score(table, targets, lanes, rules)
     reached = float(scored.curve["far"].max())
     name = request.lists[0].name
     tell_ranking_doubts(scored.matched, request.rules.get("far"), reached, name)
 
-    files = score_files([scored], truth.notes[0], title="Detection report")
+    files = score_files([scored], notes[0], title="Detection report")
     write_score_files(request.output, files, request.overwrite)
     return Scored(request.output, [scored])
 
@@ -222,14 +200,14 @@ def score_result(request: ScoreRequest, track: Track = silent) -> Scored:
     objects = None if request.objects is None else read_table(request.objects, "objects")
     entrants = find_entrants(request.lists, request.trial.recipes)
     rules = Rules(**{**request.rules, "halo": result.recipe.score.halo})
-    truth = open_truth(request, Lists(entrants, [], result.lane, rules, result))
+    targets, [notes] = open_truth(request, entrants, result.lane, rules)
 
-    of_lane = score_detections(result, truth.targets, rules.far)
+    of_lane = score_detections(result, targets, rules.far)
     scores = of_lane
     if result.recipe.score.area == "frames":
-        scores = [score_by_frames(result, truth.targets, rules.far)]
+        scores = [score_by_frames(result, targets, rules.far)]
 
-    files = _result_files(request, result, scores, objects, truth.notes[0], track)
+    files = _result_files(request, result, scores, objects, notes, track)
     # The viewer shows a lane in one piece, and its alarms, whatever the report is of.
     if results_at(folder) == [folder]:
         files[VIEW_SCORE] = view_score(result, of_lane, objects)
@@ -266,13 +244,13 @@ def compare_lists(request: ScoreRequest) -> SideBySide:
     entrants = find_entrants(request.lists, request.trial.recipes, request.reading)
     lanes, rules = _common_lanes_and_rules(entrants, request)
     names = entrant_names(entrants)
-    lists = _read_lists(entrants, lanes, rules)
-    truth = open_truth(request, lists)
+    tables = _read_lists(entrants, lanes)
+    targets, notes_of_lists = open_truth(request, entrants, lanes, rules, tables)
 
     scores = {}
     only_fars = set()
-    for name, table in zip(names, lists.tables, strict=True):
-        scores[name] = score(table, truth.targets, lanes, rules)
+    for name, table in zip(names, tables, strict=True):
+        scores[name] = score(table, targets, lanes, rules)
         only_fars.add(_only_far(table, scores[name]))
     first = scores[names[0]]
     common_fars = first.operating_points()["far_allowed"].tolist()
@@ -282,7 +260,7 @@ def compare_lists(request: ScoreRequest) -> SideBySide:
     comparison = side_by_side(matches, far_points, rules)
 
     stated_rules = {**first.rules_summary(), "far_max": rules.far_max}
-    notes = dict(zip(names, truth.notes, strict=True))
+    notes = dict(zip(names, notes_of_lists, strict=True))
     curves = {name: scored.curve for name, scored in scores.items()}
     page = comparison_html(comparison, curves, stated_rules, notes, as_lanes(lanes))
     files = {
@@ -293,56 +271,72 @@ def compare_lists(request: ScoreRequest) -> SideBySide:
     return comparison
 
 
-def _read_lists(entrants: list[Entrant], lanes: LaneLike, rules: Rules) -> Lists:
-    """Read alarm lists, all of them before a truth is opened, and tell what is doubtful."""
+def _read_lists(entrants: Sequence[Entrant], lanes: LaneLike) -> list[pd.DataFrame]:
+    """Read alarm lists, all of them before a truth is opened, and tell what is doubtful.
+
+    The attribute ``outside`` of a table is for its report: how many alarms lie outside the lanes.
+    """
     tables = [entrant.table() for entrant in entrants]
-    outside = []
     for entrant, table in zip(entrants, tables, strict=True):
-        outside.append(refuse_elsewhere(table, lanes, entrant.path.name))
+        table.attrs["outside"] = refuse_elsewhere(table, lanes, entrant.path.name)
         tell_doubts(table, "alarms", entrant.path.name, lanes)
-    return Lists(entrants, tables, lanes, rules, outside=outside)
+    return tables
 
 
-def open_truth(request: ScoreRequest, lists: Lists) -> OpenedTruth:
+def open_truth(
+    request: ScoreRequest,
+    entrants: Sequence[Entrant],
+    lanes: LaneLike,
+    rules: Rules,
+    tables: Sequence[pd.DataFrame] = (),
+) -> tuple[pd.DataFrame, list[dict[str, Any]]]:
     """Open a truth for alarm lists, by its register where it has one.
 
     Parameters
     ----------
     request : ScoreRequest
         The truth, the columns it has, and the register.
-    lists : Lists
-        All that may be wrong with them must be known: the opening is entered in the register.
+    entrants : sequence of Entrant
+        The lists. All that may be wrong with them must be known: the opening is entered in the
+        register.
+    lanes : Lane or mapping of Lane by name
+        Where alarms were searched.
+    rules : Rules
+        Halo and operating point.
+    tables : sequence of pandas.DataFrame
+        Alarms of lists that are of no result.
 
     Returns
     -------
-    OpenedTruth
-        Targets whose halos touch the lanes, and the notes of each list's report.
+    targets : pandas.DataFrame
+        Those whose halos touch the lanes.
+    notes : list of dict
+        The notes of each list's report.
 
     Raises
     ------
     ValueError
         If the truth is not valid, or its register does not hold what it must.
     """
-    rules = lists.rules
     package = installed_trials()
     if package is None:
-        targets, notes = _open_without_register(request, lists.entrants)
+        targets, notes = _open_without_register(request, entrants)
     else:
         entered = {"halo": rules.halo, "far": rules.far}
-        targets, notes = package.open_truth(request, lists.entrants, borders(lists.lanes), entered)
-
+        targets, notes = package.open_truth(request, entrants, borders(lanes), entered)
     name = request.truth.name
-    tell_doubts(targets, "truth", name, lists.lanes)
-    targets, outside = targets_in_reach(targets, lists.lanes, rules.halo, name)
+    tell_doubts(targets, "truth", name, lanes)
+    targets, outside = targets_in_reach(targets, lanes, rules.halo, name)
     for number, of_list in enumerate(notes):
         of_list |= outside
-        if lists.result is None:
-            of_list |= _reading_notes(lists.tables[number], targets)
-            of_list |= ranking_notes(lists.tables[number])
-            of_list |= lists.outside[number]
+        if tables:
+            alarms = tables[number].attrs
+            read = {"alarms_read": alarms.get("notes"), "truth_read": targets.attrs.get("notes")}
+            of_list |= {what: told for what, told in read.items() if told}
+            of_list |= ranking_notes(tables[number]) | alarms["outside"]
         if request.card is not None:
-            of_list |= request.card.notes(number, lists.entrants[number])
-    return OpenedTruth(targets, notes)
+            of_list |= request.card.notes(number, entrants[number])
+    return targets, notes
 
 
 def _open_without_register(
@@ -358,16 +352,6 @@ def _open_without_register(
         needed_trials(f"{request.truth}, which names a register")
     digest = {"truth_sha256": sha256(data)}
     return targets, [entrant.digests() | digest for entrant in entrants]
-
-
-def _reading_notes(alarms: pd.DataFrame, truth: pd.DataFrame) -> dict[str, Any]:
-    """Return what the reader of the tables assumed or converted, for the report."""
-    notes_by_table = {}
-    for name, table in (("alarms_read", alarms), ("truth_read", truth)):
-        reading_notes = table.attrs.get("notes", [])
-        if reading_notes:
-            notes_by_table[name] = reading_notes
-    return notes_by_table
 
 
 def _only_far(alarms: pd.DataFrame, scored: Score) -> float:

@@ -15,17 +15,19 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
+from operator import itemgetter
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_args
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
-from typer import Option
 from typer.models import ArgumentInfo, OptionInfo
 
 from flgpr.commands.messages import GOES_ON, STOPPED, is_unchanged, plain_errors, say
 from flgpr.commands.signatures import (
     Parameter,
+    documentation_of,
+    flag,
     help_of,
     parameters_of,
     python_documentation,
@@ -37,8 +39,8 @@ if TYPE_CHECKING:
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-QUIET = Annotated[bool, Option("--quiet", help="Print nothing but errors.")]
-JSON = Annotated[bool, Option("--json", help="Print one JSON object instead of text.")]
+QUIET_HELP = "Print nothing but errors."
+JSON_HELP = "Print one JSON object instead of text."
 Arguments = SimpleNamespace
 """The arguments that a command was called with, by name."""
 
@@ -76,7 +78,8 @@ class Command:
 
     function: Callable[..., Any]
     lines: Callable[[Any, Arguments], Iterable[Any]] = written
-    as_json: Callable[[Any, Arguments], Any] | None = None  #: object that --json prints
+    #: returns the object that --json prints; True prints what the function returns
+    as_json: Callable[[Any, Arguments], Any] | bool = False
     #: lines that are printed before the work begins
     lines_before: Callable[[Arguments], Iterable[str]] | None = None
     #: checks options, and returns what the command line passes for parameters of Python alone
@@ -84,9 +87,9 @@ class Command:
     status: Callable[[Any], int] | None = None  #: exit status for what was returned
     #: context of call and output, such as a page that stays open
     context: Callable[[Arguments], AbstractContextManager[Any]] | None = None
-    #: options of the command line alone, by name: annotation and default
-    shell_options: Mapping[str, tuple[Any, Any]] = field(default_factory=dict)
-    #: names of parameters by the title of the box in which the help shows them
+    shell_flags: Mapping[str, str] = field(default_factory=dict)  #: of the command line alone: help
+    #: names of parameters by the title of the box in which the help shows them, beside what the
+    #: docstring says
     panels: Mapping[str, Sequence[str]] = field(default_factory=dict)
     quiet: bool = True  #: whether there is --quiet
     always_printed: bool = False  #: whether its lines are the answer, printed even when quiet
@@ -117,16 +120,44 @@ def command(**fields: Any) -> Callable[[F], F]:
     """
 
     def decorate(function: F) -> F:
-        described = Command(function, **fields)
+        said = documentation_of(function)
+        panels = {**said.panels, **fields.pop("panels", {})}
+        described = Command(function, panels=panels, **fields)
         parameters = described.parameters
         function.__dict__["command"] = described
-        function.__doc__ = python_documentation(
-            function.__doc__ or "", parameters, described.panels
-        )
+        function.__doc__ = python_documentation(said, parameters, panels)
         function.__dict__["__signature__"] = python_signature(function, parameters)
         return function
 
     return decorate
+
+
+def options_given(
+    function: Callable[..., Any], arguments: Mapping[str, Any], panel: str | None = None
+) -> list[str]:
+    """Return the options of a command that were given: their arguments are not the defaults.
+
+    Parameters
+    ----------
+    function : callable
+        The command.
+    arguments : mapping
+        Arguments by name, as ``locals()`` has them at the beginning of the function.
+    panel : str, optional
+        Title of a box of the help: its parameters alone are looked at.
+    """
+    described: Command = function.__dict__["command"]
+    options = [one for one in described.parameters if one.shell is not None]
+    if panel is not None:
+        options = [one for one in options if one.name in described.panels[panel]]
+    return [one.name for one in options if _differs(arguments[one.name], one.default)]
+
+
+def _differs(value: Any, default: Any) -> bool:
+    """Return whether an argument says anything; nothing may come as None or an empty list."""
+    if isinstance(value, bool | int | float | str | tuple | list):
+        return value != default and value not in ((), [])
+    return value is not None and value is not default
 
 
 def shell_function(function: Callable[..., Any]) -> Callable[..., None]:
@@ -144,37 +175,32 @@ def shell_function(function: Callable[..., Any]) -> Callable[..., None]:
 
 def _shell_parameters(described: Command) -> list[inspect.Parameter]:
     """Return arguments, options that must be given, then all other options in their order."""
-    of_shell = dict(described.shell_options)
+    flags = {name: flag(name, text) for name, text in described.shell_flags.items()}
     if described.quiet:
-        of_shell["quiet"] = (QUIET, False)
-    if described.as_json is not None:
-        of_shell["as_json"] = (JSON, False)
-    taken = []
-    for parameter in described.parameters:
-        if parameter.shell is not None:
-            parsed = parameter.shell_type
-            taken.append((parameter.name, parsed, parameter.shell, parameter.shell_default))
-    for name, (annotation, default) in of_shell.items():
-        taken.append((name, *get_args(annotation), default))
+        flags["quiet"] = flag("quiet", QUIET_HELP)
+    if described.as_json:
+        flags["as_json"] = flag("json", JSON_HELP)
+    taken = [
+        (one.name, one.shell_type, one.shell, one.shell_default)
+        for one in described.parameters
+        if one.shell is not None
+    ]
+    taken += [(name, bool, declared, False) for name, declared in flags.items()]
 
     titles = {name: title for title, names in described.panels.items() for name in names}
-    arguments = []
-    required = []
-    options = []
+    ranked: list[tuple[int, inspect.Parameter]] = []
     for name, parsed, declared, default in taken:
         shell = copy(declared)  # several commands may have the same option
         shell.rich_help_panel = titles.get(name, shell.rich_help_panel)
-        kind = inspect.Parameter.KEYWORD_ONLY
         keyword = inspect.Parameter(
-            name, kind, default=default, annotation=Annotated[parsed, shell]
+            name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=default,
+            annotation=Annotated[parsed, shell],
         )
-        if isinstance(shell, ArgumentInfo):
-            arguments.append(keyword)
-        elif default is inspect.Parameter.empty:
-            required.append(keyword)
-        else:
-            options.append(keyword)
-    return [*arguments, *required, *options]
+        rank = 2 if default is not inspect.Parameter.empty else 1
+        ranked.append((0 if isinstance(shell, ArgumentInfo) else rank, keyword))
+    return [keyword for _, keyword in sorted(ranked, key=itemgetter(0))]
 
 
 def _run(described: Command, values: dict[str, Any]) -> None:
@@ -194,12 +220,19 @@ def _run(described: Command, values: dict[str, Any]) -> None:
         if described.python_values is not None:
             values = {**values, **described.python_values(call)}
         returned = _call(described, values, silent)
-        if as_json and described.as_json is not None:
-            say(json.dumps(described.as_json(returned, call)))
+        if as_json:
+            say(json.dumps(_json_object(described, returned, call)))
         elif described.always_printed or not quiet:
             print_lines(described.lines(returned, call))
     if described.status is not None and (status := described.status(returned)):
         raise typer.Exit(status)
+
+
+def _json_object(described: Command, returned: Any, call: Arguments) -> Any:
+    """Return what --json prints."""
+    if callable(described.as_json):
+        return described.as_json(returned, call)
+    return returned.as_json() if hasattr(returned, "as_json") else returned
 
 
 def _typed_names(described: Command) -> dict[str, str]:
@@ -219,7 +252,7 @@ def _call(described: Command, values: Mapping[str, Any], silent: bool) -> Any:
     """Call the function; options that were not given keep the function's own defaults."""
     arguments = {}
     for name, value in values.items():
-        if value is not None and value != [] and name not in described.shell_options:
+        if value is not None and value != [] and name not in described.shell_flags:
             arguments[name] = value
     with ExitStack() as stack:
         if described.compiles_kernels:
@@ -256,6 +289,6 @@ def print_lines(lines: Iterable[Any]) -> None:
         elif isinstance(line, str):
             say(line, err=isinstance(line, ErrorStreamText), nl=not isinstance(line, RawText))
         else:
-            from flgpr.commands.console import PlainConsole
+            from flgpr.commands.bars import PlainConsole
 
             PlainConsole().print(line)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ForwardRef, Literal, Union, get_args, get_origin
 
+from typer import Argument, Option
 from typer.models import ArgumentInfo, OptionInfo
 
 from flgpr.commands.options import ShellDefault, ShellType
@@ -17,7 +18,7 @@ from flgpr.commands.options import ShellDefault, ShellType
 _EMPTY = inspect.Parameter.empty
 _SEQUENCES = (Sequence, list)
 _LINE = 94  # characters
-_SECTIONS = re.compile(r"^(?=(?:Returns|Raises|Notes)\n-+$)", re.MULTILINE)
+_SECTIONS = ("Returns", "Raises", "Notes")
 
 
 @dataclass(frozen=True)
@@ -35,26 +36,73 @@ class Parameter:
     shell_default: Any  #: ``inspect.Parameter.empty`` where the command line must be given it
 
 
+@dataclass(frozen=True)
+class Documentation:
+    """What the docstring of a command says."""
+
+    summary: str  #: what stands before the first section
+    rest: str  #: sections on what is returned and raised
+    sentences: dict[str, str]  #: on each parameter, by its name
+    #: names of parameters by the title of the box in which the help shows them
+    panels: dict[str, list[str]]
+
+
+def documentation_of(function: Callable[..., Any]) -> Documentation:
+    """Take the docstring of a command apart.
+
+    Besides "Parameters" it may have a section for every box of the help, with the parameters that
+    the box holds.
+    """
+    summary, *sections = re.split(
+        r"^(\S.*)\n-+(?:\n|\Z)", inspect.cleandoc(function.__doc__ or ""), flags=re.MULTILINE
+    )
+    rest = ""
+    sentences = {}
+    panels = {}
+    for title, content in zip(sections[::2], sections[1::2], strict=True):
+        if title in _SECTIONS:
+            rest += f"{title}\n{'-' * len(title)}\n{content}"
+            continue
+        names = []
+        for entry in re.split(r"\n(?=\S)", content.strip()):
+            name, _, sentence = entry.partition("\n")
+            names.append(name)
+            if sentence:
+                sentences[name] = " ".join(sentence.split())
+        if title != "Parameters":
+            panels[title] = names
+    return Documentation(summary.strip(), rest.strip(), sentences, panels)
+
+
 def parameters_of(function: Callable[..., Any]) -> list[Parameter]:
-    """Return the parameters of a function, in the order of its signature."""
+    """Return the parameters of a function, in the order of its signature.
+
+    What one is for is said in the docstring, or by a text in its annotation.
+    """
     parameters = inspect.signature(function).parameters
     # Without that of the returned value, which may name a class that is not loaded.
     copy = types.FunctionType(function.__code__, function.__globals__)
     copy.__annotations__ = {name: function.__annotations__[name] for name in parameters}
     annotations = inspect.get_annotations(copy, eval_str=True)
-    return [_parameter(one, annotations[name]) for name, one in parameters.items()]
+    sentences = documentation_of(function).sentences
+    return [
+        _parameter(one, annotations[name], sentences.get(name, ""))
+        for name, one in parameters.items()
+    ]
 
 
-def _parameter(declared: inspect.Parameter, annotation: Any) -> Parameter:
-    """Return a parameter with what the marks of its annotation state."""
+def _parameter(declared: inspect.Parameter, annotation: Any, sentence: str) -> Parameter:
+    """Return a parameter with what the marks of its annotation state.
+
+    Without a mark it is an argument of the command line, if it has no default, and else an option;
+    parameters by keyword alone are those of Python.
+    """
     is_annotated = hasattr(annotation, "__metadata__")
     python_type, *marks = get_args(annotation) if is_annotated else [annotation]
-    default = declared.default
     shell = None
-    sentence = ""
     parsed_type = shell_type(python_type)
     # An empty sequence is what Typer calls None.
-    shell_default = None if default == () else default
+    shell_default = None if declared.default == () else declared.default
     for mark in marks:
         if isinstance(mark, ArgumentInfo | OptionInfo):
             shell = mark
@@ -66,16 +114,27 @@ def _parameter(declared: inspect.Parameter, annotation: Any) -> Parameter:
             parsed_type = mark.type | None if is_optional else mark.type
         else:
             sentence = mark
+    if shell is None and declared.kind is not declared.KEYWORD_ONLY:
+        if declared.default is _EMPTY:
+            shell = Argument(help=sentence)
+        else:
+            is_flag = python_type is bool and shell_default is False
+            shell = flag(declared.name, sentence) if is_flag else Option(help=sentence)
     return Parameter(
         declared.name,
         python_type,
-        default,
+        declared.default,
         declared.kind,
         shell,
         sentence,
         parsed_type,
         shell_default,
     )
+
+
+def flag(name: str, text: str) -> Any:
+    """Return an option without a value, and without one that takes it back."""
+    return Option("--" + name.replace("_", "-"), help=text)
 
 
 def shell_type(annotation: Any) -> Any:
@@ -158,14 +217,13 @@ def type_in_words(annotation: Any) -> str:
 
 
 def python_documentation(
-    text: str, parameters: Sequence[Parameter], panels: Mapping[str, Sequence[str]]
+    said: Documentation, parameters: Sequence[Parameter], panels: Mapping[str, Sequence[str]]
 ) -> str:
     """Return a docstring with a section of the parameters before what is returned and raised.
 
     It fits a screen: a parameter has a line, of a long help the first words; the boxes of the help
     of the command line but the first have a line each, by their titles.
     """
-    summary, *sections = _SECTIONS.split(inspect.cleandoc(text), maxsplit=1)
     known = [parameter.name for parameter in parameters]
     together = {}
     for title, names in list(panels.items())[1:]:
@@ -182,8 +240,7 @@ def python_documentation(
             lines.append(f"{line.rstrip('.')}.")
     for title, names in together.items():
         lines.append(f"{', '.join(names)} : {title}, see the command's --help.")
-    paragraphs = [summary.strip(), "\n".join(lines), *sections]
-    return "\n\n".join(paragraph for paragraph in paragraphs if paragraph)
+    return "\n\n".join([said.summary, "\n".join(lines), said.rest]).strip()
 
 
 def help_of(function: Callable[..., Any]) -> str:
@@ -191,7 +248,5 @@ def help_of(function: Callable[..., Any]) -> str:
 
     A paragraph is a single line: the terminal wraps it.
     """
-    documentation = function.__doc__ or ""
-    before_parameters = re.split(r"^Parameters\n-+$", documentation, flags=re.MULTILINE)[0]
-    paragraphs = before_parameters.strip().split("\n\n")
+    paragraphs = documentation_of(function).summary.split("\n\n")
     return "\n\n".join(paragraph.replace("\n", " ") for paragraph in paragraphs)

@@ -37,15 +37,10 @@ def _lines(written: SimulationOutput, _: Arguments) -> Iterator[str]:
 
 @command(
     lines=_lines,
-    panels={
-        "Scene and sensor": ("sensor", "seed", "worlds", "errors", "truth", "preview"),
-        "Full-wave solver": ("engine", "cells", "max_cells"),
-        "Work": ("restart", "force", "workers"),
-    },
     resumes=True,
 )
 def simulate_lane(
-    scene: Annotated[PathLike, Argument(help="Scene (TOML), or the word signature.")],
+    scene: PathLike,
     body: Annotated[
         str | None,
         Argument(help="After signature: body (TOML) whose table to make, or none to list them."),
@@ -54,41 +49,19 @@ def simulate_lane(
         PathLike | None,
         output_option("run store, folder of decks or table"),
     ] = None,
-    sensor: Annotated[
-        str, Option(help="Sensor preset, TOML file, or run store whose array it is.")
-    ] = "sri-array",
-    seed: Annotated[int, Option(help="The same seed gives the same lane, bit for bit.")] = 1,
-    worlds: Annotated[
-        PathLike | None,
-        Option(
-            help="What of scene and sensor the seed draws anew, for training: any-road, or a TOML "
-            "file."
-        ),
-    ] = None,
+    sensor: str = "sri-array",
+    seed: int = 1,
+    worlds: PathLike | None = None,
     errors: Annotated[
         bool, Option("--errors/--no-errors", help="Whether the sensor's errors are added.")
     ] = True,
-    preview: Annotated[PathLike | None, Option(help="PNG of the scene to write.")] = None,
-    truth: Annotated[
-        PathLike | None, Option(help="CSV of the truth; by default NAME-truth.csv.")
-    ] = None,
-    restart: Annotated[
-        bool, Option("--restart", help="Begin again where an interrupted run left scans.")
-    ] = False,
-    force: Annotated[
-        bool,
-        Option(
-            "--force",
-            help="Simulate or draw even where the estimate of memory or time is very large.",
-        ),
-    ] = False,
-    engine: Annotated[
-        str, Option(help="flgpr simulates; gprmax writes a full-wave solver's input files.")
-    ] = ("flgpr"),
-    cells: Annotated[
-        float, Option(help="gprmax: cells per wavelength at the highest tone in the soil.")
-    ] = 10.0,
-    max_cells: Annotated[float, Option(help="gprmax: largest model that is written.")] = 3e8,
+    preview: PathLike | None = None,
+    truth: PathLike | None = None,
+    restart: bool = False,
+    force: bool = False,
+    engine: str = ("flgpr"),
+    cells: float = 10.0,
+    max_cells: float = 3e8,
     workers: Annotated[int, Option(min=1, help="signature: processes.")] = 1,
     *,
     track: Progress = None,
@@ -97,6 +70,42 @@ def simulate_lane(
 
     An interrupted simulation resumes. simulate signature BODY computes what a body scatters in the
     ground; it resumes, too.
+
+    Parameters
+    ----------
+    scene
+        Scene (TOML), or the word signature.
+
+    Scene and sensor
+    ----------------
+    sensor
+        Sensor preset, TOML file, or run store whose array it is.
+    seed
+        The same seed gives the same lane, bit for bit.
+    worlds
+        What of scene and sensor the seed draws anew, for training: any-road, or a TOML file.
+    errors
+    truth
+        CSV of the truth; by default NAME-truth.csv.
+    preview
+        PNG of the scene to write.
+
+    Full-wave solver
+    ----------------
+    engine
+        flgpr simulates; gprmax writes a full-wave solver's input files.
+    cells
+        gprmax: cells per wavelength at the highest tone in the soil.
+    max_cells
+        gprmax: largest model that is written.
+
+    Work
+    ----
+    restart
+        Begin again where an interrupted run left scans.
+    force
+        Simulate or draw even where the estimate of memory or time is very large.
+    workers
 
     Returns
     -------

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Argument, Option
+from typer import Option
 
 from flgpr.commands.options import (
     REQUIRED,
@@ -39,21 +39,15 @@ def _train_lines(model: Model, call: Arguments) -> Iterator[Any]:  # noqa: ARG00
 
 @command(
     lines=_train_lines,
-    panels={
-        "Recipe and lanes": ("truths", "recipe", "features", "lanes", "others", "check"),
-        "Work": ("workers", "scheduler", "max_memory"),
-    },
     resumes=True,
     compiles_kernels=True,
 )
 def train(
-    runs: Annotated[Paths, Argument(help="Run stores, one lane each.")],
+    runs: Paths,
     truths: Annotated[
         Paths, Option("--truth", help="CSV of the targets of each run, in the same order.")
     ],
-    recipe: Annotated[
-        PathLike, Option(help="Recipe with features, or with stages that learn."), ShellType(str)
-    ] = "wang2007",
+    recipe: Annotated[PathLike, ShellType(str)] = "wang2007",
     output: Annotated[PathLike | None, output_option("folder of the model"), REQUIRED] = None,
     features: Annotated[
         tuple[str, ...] | list[str],
@@ -63,9 +57,7 @@ def train(
     others: With = (),
     workers: Annotated[int | None, Option(help="Processes; the model is the same.", min=1)] = None,
     scheduler: Scheduler = None,
-    max_memory: Annotated[
-        str | int, Option(help="Memory of each process; a lane that takes more is refused.")
-    ] = "2GB",
+    max_memory: str | int = "2GB",
     overwrite: Overwrite = True,
     check: Annotated[
         bool,
@@ -76,20 +68,44 @@ def train(
         ),
     ] = True,
     *,
-    label_radius: Annotated[
-        float, "Largest distance of an alarm from the target that it hits, m."
-    ] = 1.0,
+    label_radius: float = 1.0,
     track: Progress = None,
-    note: Annotated[Any, "Takes a report of every piece of work that was done."] = None,
-    pass_cache: Annotated[
-        PathLike | None, "Folder of backgrounds and run-views that other recipes share."
-    ] = None,
+    note: Any = None,
+    pass_cache: PathLike | None = None,
 ) -> Model:
     """Train a recipe on runs with truth. An interrupted training resumes.
 
     A recipe that ``flgpr recipe for --like fused`` fitted to the array is then tried on simulated
     lanes of this array, whose truth is known. What it finds there, and what the contrast finds, is
     printed and stands beside the model, for ``flgpr info`` to show.
+
+    Parameters
+    ----------
+    runs
+        Run stores, one lane each.
+    label_radius
+        Largest distance of an alarm from the target that it hits, m.
+    note
+        Takes a report of every piece of work that was done.
+    pass_cache
+        Folder of backgrounds and run-views that other recipes share.
+
+    Recipe and lanes
+    ----------------
+    truths
+    recipe
+        Recipe with features, or with stages that learn.
+    features
+    lanes
+    others
+    check
+
+    Work
+    ----
+    workers
+    scheduler
+    max_memory
+        Memory of each process; a lane that takes more is refused.
 
     Returns
     -------

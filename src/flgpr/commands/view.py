@@ -15,10 +15,6 @@ from flgpr.commands.shell import command
 
 @command(
     quiet=False,
-    panels={
-        "What is shown": ("live", "answers", "anchor", "backdrop", "verdicts"),
-        "Server": ("port", "host", "allow_remote", "no_browser"),
-    },
 )
 def view(
     paths: Annotated[
@@ -29,33 +25,42 @@ def view(
         ),
     ] = None,
     port: Annotated[int, Option(help="Port; 0 takes a free one.", min=0, max=65535)] = 0,
-    host: Annotated[str, Option(help="Address to listen on.")] = "127.0.0.1",
-    allow_remote: Annotated[
-        bool, Option("--allow-remote", help="Let other machines see it.")
-    ] = False,
-    no_browser: Annotated[bool, Option("--no-browser", help="Print the address only.")] = False,
-    live: Annotated[
-        PathLike | None, Option(help="JSON lines of a live detection to follow.")
-    ] = None,
-    answers: Annotated[
-        bool,
-        Option(
-            "--answers", help="With --live: keep what the driver answers to alarms in its folder."
-        ),
-    ] = False,
+    host: str = "127.0.0.1",
+    allow_remote: bool = False,
+    no_browser: bool = False,
+    live: PathLike | None = None,
+    answers: bool = False,
     anchor: AnchorOption = None,
     backdrop: Annotated[
         PathLike | None,
         Option("--map", help="Map or photograph below the lane: GeoTIFF, MBTiles, GeoPackage."),
     ] = None,
-    verdicts: Annotated[
-        PathLike | None,
-        Option(help="JSON beside the result that keeps an analyst's verdicts and notes."),
-    ] = None,
+    verdicts: PathLike | None = None,
 ) -> None:
     """Show results in the browser, on this machine.
 
     Nothing is written, except with --verdicts and --answers.
+
+    What is shown
+    -------------
+    live
+        JSON lines of a live detection to follow.
+    answers
+        With --live: keep what the driver answers to alarms in its folder.
+    anchor
+    backdrop
+    verdicts
+        JSON beside the result that keeps an analyst's verdicts and notes.
+
+    Server
+    ------
+    port
+    host
+        Address to listen on.
+    allow_remote
+        Let other machines see it.
+    no_browser
+        Print the address only.
 
     Raises
     ------

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from operator import itemgetter
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,34 +11,28 @@ from matplotlib.figure import Figure
 
 from flgpr.model import Lane
 from flgpr.report.curve_figures import COLOURS, MARKS, compared_roc_figure
-from flgpr.report.kit import render
-from flgpr.report.score_page import in_words
+from flgpr.report.kit import render, table_rows
 from flgpr.report.trial_block import NOT_STATED, comparison_block
 from flgpr.scoring import SideBySide
 
-POINT_CELLS = (
-    "{n_detected:.0f} of {n_targets:.0f}",
-    "{pd:.2f}",
-    "{pd_low:.2f} to {pd_high:.2f}",
-    "{chance}",
-    "{n_false:.0f}",
-    "{far:.4f}",
-    "{far_low:.4f} to {far_high:.4f}",
-)
-POINT_HEAD = (
-    ">found",
-    ">Pd",
-    ">Pd interval",
-    ">chance",
-    ">false alarms",
-    ">FAR (per m²)",
-    ">FAR interval (per m²)",
-)
+POINT = {
+    ">found": "{n_detected:.0f} of {n_targets:.0f}",
+    ">Pd": "{pd:.2f}",
+    ">Pd interval": "{pd_low:.2f} to {pd_high:.2f}",
+    ">chance": "{chance:.2f}",
+    ">false alarms": "{n_false:.0f}",
+    ">FAR (per m²)": "{far:.4f}",
+    ">FAR interval (per m²)": "{far_low:.4f} to {far_high:.4f}",
+}
+"""Formats of the cells of an operating point, by the titles of their columns."""
+_ALLOWED = {">allowed FAR (per m²)": "{far_allowed:g}"}
 _PAIR = (
     "{far_allowed:g}",
     "{first} less {second}",
     "{difference:+.2f}",
     "{low:+.2f} to {high:+.2f}",
+    "{only_first} and {only_second}",
+    "{p:.3g}",
 )
 _MEAN = (
     "{first} less {second}",
@@ -85,66 +78,31 @@ def comparison_html(
     unranked = [name for name in names if "ranking" in notes.get(name, {})]
     roc = None
     if curves:
-        labels = {name: _curve_label(name, notes.get(name, {})) for name in curves}
+        labels = {}
+        for name in curves:
+            vendor = notes.get(name, {}).get("vendor", NOT_STATED)
+            labels[name] = name if vendor == NOT_STATED else f"{vendor}: {name}"
         roc = compared_roc_figure(curves, labels, comparison.points, rules["far_max"])
+    columns = {**_ALLOWED, "detector": "{detector}", **POINT}
+    points = comparison.points.sort_values("far_allowed", kind="stable")
+    pairs = comparison.pairs
+    if len(pairs):
+        pairs = pairs.sort_values("far_allowed", kind="stable")
     return render(
         "comparison.html",
         names=names,
         unranked=unranked,
-        head=[">allowed FAR (per m²)", "detector", *POINT_HEAD],
-        points=_point_rows(comparison.points),
-        pairs=_pair_rows(comparison.pairs),
-        means=_mean_rows(comparison.means),
-        tests=len(comparison.pairs),
+        head=list(columns),
+        points=table_rows(points, columns.values()),
+        pairs=table_rows(pairs, _PAIR),
+        means=None if comparison.means is None else table_rows(comparison.means, _MEAN),
+        tests=len(pairs),
         picture=points_figure(points_by_detector),
         roc=roc,
-        rules={name: in_words(value) for name, value in rules.items()},
-        level=f"{100 * rules['level']:g}",
-        far_max=f"{rules['far_max']:g}",
-        notes={
-            name: {what: in_words(value) for what, value in of_list.items()}
-            for name, of_list in notes.items()
-        },
+        rules=rules,
+        notes=notes,
         trial=comparison_block(names, lanes or {}, rules, notes),
     )
-
-
-def _point_rows(points: pd.DataFrame) -> list[list[str]]:
-    """Return the rows of the table of operating points, the smallest allowed FAR first."""
-    records = sorted(points.to_dict("records"), key=itemgetter("far_allowed"))
-    rows = []
-    for record in records:
-        far_allowed = f"{record['far_allowed']:g}"
-        rows.append([far_allowed, record["detector"], *point_cells(record, POINT_CELLS)])
-    return rows
-
-
-def _pair_rows(pairs: pd.DataFrame) -> list[list[str]]:
-    """Return the rows of the table of paired tests, the smallest allowed FAR first."""
-    rows = []
-    for record in pairs.to_dict("records"):
-        only_one = f"{record['only_first']} and {record['only_second']}"
-        p_value = f"{record['p']:.3g}"
-        rows.append([*point_cells(record, _PAIR), only_one, p_value])
-    return sorted(rows, key=_far_of)
-
-
-def _mean_rows(means: pd.DataFrame | None) -> list[list[str]] | None:
-    """Return the rows of the table of mean Pd; None where there are no curves to average."""
-    if means is None:
-        return None
-    return [point_cells(record, _MEAN) for record in means.to_dict("records")]
-
-
-def _curve_label(name: str, notes: Mapping[str, Any]) -> str:
-    """Return the name of a curve in a legend: the vendor, where one is stated, and the list."""
-    vendor = notes.get("vendor", NOT_STATED)
-    return name if vendor == NOT_STATED else f"{vendor}: {name}"
-
-
-def _far_of(pair: list[str]) -> float:
-    """Return the allowed FAR of a row of pairs."""
-    return float(pair[0])
 
 
 def points_figure(groups: Mapping[str, pd.DataFrame]) -> Figure:
@@ -192,11 +150,3 @@ def points_figure(groups: Mapping[str, pd.DataFrame]) -> Figure:
     axes.grid(axis="y", alpha=0.3)
     figure.legend(fontsize=8, loc="outside right upper", frameon=False)
     return figure
-
-
-def point_cells(row: Mapping[Any, Any], cells: Sequence[str] = POINT_CELLS) -> list[str]:
-    """Return the texts of a row by the formats of its cells."""
-    level = row.get("chance", 0.0)
-    chance = "not known" if np.isnan(level) else f"{level:.2f}"
-    values = {**row, "chance": chance}
-    return [cell.format_map(values) for cell in cells]

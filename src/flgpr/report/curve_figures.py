@@ -80,14 +80,17 @@ def roc_figure(
         axes = plots[number % panels]
         colour = COLOURS[number % len(COLOURS)]
         if name in bands:
-            _draw_band(axes, bands[name], colour)
+            band = bands[name]
+            axes.fill_between(
+                band["far"], band["pd_low"], band["pd_high"], color=colour, alpha=0.18, linewidth=0
+            )
         targets = int(curve.attrs["n_targets"])
         label = f"{name} ({targets})"
         dashes = DASHES[number % len(DASHES)]
-        _draw_steps(axes, curve, "pd", far_max, label=label, color=colour, ls=dashes, lw=1.6)
+        draw_steps(axes, curve, "pd", far_max, label=label, color=colour, ls=dashes, lw=1.6)
         if "chance" in curve:
             label = "chance" if number < panels else "_"  # once in each legend
-            _draw_steps(axes, curve, "chance", far_max, label=label, color=colour, ls=_DOTS, lw=1.2)
+            draw_steps(axes, curve, "chance", far_max, label=label, color=colour, ls=_DOTS, lw=1.2)
     for axes in plots[:panels]:
         axes.set(xlim=(0, far_max), ylim=(-0.02, 1.02))
         axes.grid(alpha=0.3)
@@ -164,10 +167,10 @@ def compared_roc_figure(
             # No rate below the point says anything of this detector.
             rows = rows[:0]
         else:
-            _draw_steps(axes, curve, "pd", end, **style)
+            draw_steps(axes, curve, "pd", end, **style)
             if "chance" in curve:
                 chance_style = style | {"ls": _DOTS, "lw": 1.0}
-                _draw_steps(axes, curve, "chance", end, **chance_style)
+                draw_steps(axes, curve, "chance", end, **chance_style)
         offset = (number - (len(curves) - 1) / 2) * step
         _draw_intervals(axes, curve, rows, offset, end, style, mark)
         targets = int(curve.attrs["n_targets"])
@@ -239,14 +242,7 @@ def _draw_intervals(
     axes.plot(far, rows["pd"], mark, color=colour, mfc="white", ms=6, mew=1.4)
 
 
-def _draw_band(axes: Axes, band: pd.DataFrame, colour: str) -> None:
-    """Draw a confidence band as an area."""
-    axes.fill_between(
-        band["far"], band["pd_low"], band["pd_high"], color=colour, alpha=0.18, linewidth=0
-    )
-
-
-def _draw_steps(axes: Axes, curve: pd.DataFrame, column: str, far_max: float, **style: Any) -> None:
+def draw_steps(axes: Axes, curve: pd.DataFrame, column: str, far_max: float, **style: Any) -> None:
     """Draw the Pd that thresholds do reach: level between them, on to the end of the axis."""
     rows = curve[curve["far"] <= far_max]
     far = np.append(rows["far"], far_max)

@@ -124,34 +124,18 @@ def antenna_figure(designs: Sequence[Design]) -> Figure:
         tx, rx = design.sensor.pairs()
         height = design.sensor.height
         middle = (tx + rx) / 2
-        # Below the antennas, so that the midpoints do not hide them.
-        marks_z = middle[:, 2] + height - 0.25
-        axes.plot(
-            middle[:, 0],
-            marks_z,
-            "|",
-            color="0.6",
-            ms=6,
-            label="midpoints of the pairs",
-        )
-        axes.plot(
-            tx[:, 0],
-            tx[:, 2] + height,
-            "^",
-            color=_RED,
-            ms=6,
-            label="transmitters",
-        )
-        # Open marks: receivers that also transmit do not hide the transmitters.
-        axes.plot(
-            rx[:, 0],
-            rx[:, 2] + height,
-            "v",
-            color=_BLUE,
-            ms=5,
-            mfc="none",
-            label="receivers",
-        )
+        # Midpoints below the antennas, so that they do not hide them; open marks: receivers that
+        # also transmit do not hide the transmitters.
+        for places, above, style in (
+            (middle, -0.25, {"marker": "|", "color": "0.6", "label": "midpoints of the pairs"}),
+            (tx, 0.0, {"marker": "^", "color": _RED, "label": "transmitters"}),
+            (
+                rx,
+                0.0,
+                {"marker": "v", "color": _BLUE, "ms": 5, "mfc": "none", "label": "receivers"},
+            ),
+        ):
+            axes.plot(places[:, 0], places[:, 2] + height + above, ls="none", **{"ms": 6} | style)
         axes.set(title=design.sensor.name, xlabel="cross-track x (m)", ylabel="height (m)")
         axes.margins(0.1, 0.35)
         axes.legend(fontsize=8, loc="upper center", ncols=3, frameon=False)

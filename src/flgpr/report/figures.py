@@ -15,11 +15,12 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, Rectangle
+from matplotlib.patches import Circle
 
 from flgpr.method.detection import Detection
 from flgpr.model import Lane
-from flgpr.report.kit import decibels, shaded, strongest
+from flgpr.report.curve_figures import draw_steps
+from flgpr.report.kit import decibels, lane_patch, shaded, strongest
 from flgpr.results.description import plausible_poses
 from flgpr.results.result import Result, thinned
 from flgpr.scoring import Score
@@ -160,25 +161,22 @@ def complete_roc_figure(scored: Sequence[Score]) -> Figure:
         curve = detection.curve
         targets = int(curve.attrs["n_targets"])
         # A step beyond the last alarm, so that its Pd is seen.
-        step = 1 / curve.attrs["area"]
-        far = np.append(curve["far"], curve["far"].iloc[-1] + step)
+        end = curve["far"].iloc[-1] + 1 / curve.attrs["area"]
         label = "all targets" if len(scored) == 1 else _title_of(detection)
-        is_main = i == 0
-        axes.step(
-            far,
-            _with_last_repeated(curve["pd"]),
-            where="post",
-            label=_wrapped(label, 44),
-            lw=2.2 if is_main else 1.3,
-            ls="-" if is_main else "--",
-            color=f"C{i}",
-        )
-        if is_main:
-            low = _with_last_repeated(curve["pd_low"])
-            high = _with_last_repeated(curve["pd_high"])
-            chance = _with_last_repeated(curve["chance"])
-            axes.fill_between(far, low, high, step="post", alpha=0.15, color="C0", lw=0)
-            axes.step(far, chance, where="post", color="0.45", ls=":", lw=1.6, label="chance")
+        style: dict[str, Any] = {"lw": 1.3, "ls": "--"} if i else {"lw": 2.2, "ls": "-"}
+        draw_steps(axes, curve, "pd", end, label=_wrapped(label, 44), color=f"C{i}", **style)
+        if i == 0:
+            band = pd.concat([curve, curve.iloc[[-1]].assign(far=end)])
+            axes.fill_between(
+                band["far"],
+                band["pd_low"],
+                band["pd_high"],
+                step="post",
+                alpha=0.15,
+                color="C0",
+                lw=0,
+            )
+            draw_steps(axes, curve, "chance", end, color="0.45", ls=":", lw=1.6, label="chance")
     axes.set(
         xlabel="false alarms per m²",
         ylabel=f"probability of detection ({targets} targets)",
@@ -190,11 +188,6 @@ def complete_roc_figure(scored: Sequence[Score]) -> Figure:
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, loc="best")
     return figure
-
-
-def _with_last_repeated(values: pd.Series[float]) -> FloatArray:
-    """Return values with the last one once more."""
-    return np.append(values, values.iloc[-1])
 
 
 def geometry_figure(
@@ -241,7 +234,7 @@ def _draw_plan(
     """Draw the lane and the antennas at the poses from above."""
     tx = np.asarray(run["tx_m"], dtype=float)
     rx = np.asarray(run["rx_m"], dtype=float)
-    axes.add_patch(_lane_patch(lane))
+    axes.add_patch(lane_patch(lane, fill=False, ec="white", lw=1.4, ls="-."))
     every = math.ceil(len(pose) / _POSES)
     for number, stop in enumerate(pose[::every]):
         # Heading counts clockwise from +y, as on a compass.
@@ -249,12 +242,11 @@ def _draw_plan(
         sine = np.sin(stop[3])
         rotation = np.array([[cosine, sine], [-sine, cosine]])
         is_first = number == 0  # labelled once for the legend
-        receivers = rx[:, :2] @ rotation.T + stop[:2]
-        transmitters = tx[:, :2] @ rotation.T + stop[:2]
-        for places, mark, colour, label in (
-            (receivers, ".", "0.25", "receivers"),
-            (transmitters, "^", "C3", "transmitters"),
+        for antennas, mark, colour, label in (
+            (rx, ".", "0.25", "receivers"),
+            (tx, "^", "C3", "transmitters"),
         ):
+            places = antennas[:, :2] @ rotation.T + stop[:2]
             axes.plot(*places.T, mark, ms=5, color=colour, label=label if is_first else None)
     axes.set(
         xlabel="cross-track x (m)",
@@ -310,7 +302,7 @@ def _draw_view(axes: Axes, view: xr.DataArray, lane: Lane, bar: bool = True) -> 
     # Ground that no scan has seen is NaN: the grey behind the image shows there.
     axes.set_facecolor("0.8")
     mesh = shaded(axes, view["x"], view["y"], level, (-DYNAMIC_RANGE, 0))
-    axes.add_patch(_lane_patch(lane))
+    axes.add_patch(lane_patch(lane, fill=False, ec="white", lw=1.4, ls="-."))
     axes.set(
         xlabel="cross-track x (m)",
         ylabel="down-track y (m)",
@@ -318,20 +310,6 @@ def _draw_view(axes: Axes, view: xr.DataArray, lane: Lane, bar: bool = True) -> 
     )
     if bar and axes.figure is not None:
         axes.figure.colorbar(mesh, ax=axes, shrink=0.7, label="dB re strongest pixel in the lane")
-
-
-def _lane_patch(lane: Lane) -> Rectangle:
-    """Return the outline of a lane."""
-    corner = (lane.x_min, lane.y_min)
-    return Rectangle(
-        corner,
-        lane.x_max - lane.x_min,
-        lane.y_max - lane.y_min,
-        fill=False,
-        ec="white",
-        lw=1.4,
-        ls="-.",
-    )
 
 
 def _draw_marks(

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from base64 import b64encode
+from collections.abc import Iterable, Mapping
 from functools import cache
 from io import BytesIO
 from typing import Any, Literal
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -15,6 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 import flgpr
 from flgpr.model import Lane
@@ -63,11 +67,47 @@ def _environment(package: str) -> Environment:
     )
     environment.filters |= {
         "fmt": format,
+        "known": lambda value, spec: format(_Number(value), spec),
+        "in_words": in_words,
         "metres": _metres,
         "data_url": _data_url,
         "css_text": _css_text,
     }
     return environment
+
+
+def table_rows(table: pd.DataFrame, cells: Iterable[str]) -> list[list[str]]:
+    """Return the rows of a table by the formats of its cells, as of ``str.format``.
+
+    A number that is NaN is "not known".
+    """
+    formats = list(cells)
+    rows = []
+    for row in table.to_dict("records"):
+        known = {
+            name: _Number(value) if isinstance(value, float) else value
+            for name, value in row.items()
+        }
+        rows.append([cell.format_map(known) for cell in formats])
+    return rows
+
+
+class _Number(float):
+    """A number of a table, rounded where no format is given."""
+
+    def __format__(self, spec: str) -> str:
+        return "not known" if math.isnan(self) else format(float(self), spec or ".5g")
+
+
+def in_words(value: Any) -> str:
+    """Return a value of the rules, nested or not, as text."""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {in_words(entry)}" for name, entry in value.items())
+    if isinstance(value, list | tuple):
+        return ", ".join(in_words(entry) for entry in value) or "unnamed"
+    if isinstance(value, float) and math.isfinite(value):
+        return f"{value:.6g}"
+    return str(value)
 
 
 def figure_png(figure: Figure, dpi: float = 110) -> bytes:
@@ -110,6 +150,15 @@ def shaded(
     return axes.pcolormesh(
         x, y, values, vmin=low, vmax=high, cmap=colours, shading=shading, rasterized=True
     )
+
+
+def lane_patch(lane: Lane, along: bool = False, **style: Any) -> Rectangle:
+    """Return the outline of a lane, x to the right or, along the picture, y."""
+    corner = (lane.x_min, lane.y_min)
+    size = (lane.x_max - lane.x_min, lane.y_max - lane.y_min)
+    if along:
+        corner, size = corner[::-1], size[::-1]
+    return Rectangle(corner, *size, **style)
 
 
 def decibels(view: xr.DataArray) -> FloatArray:

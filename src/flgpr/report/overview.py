@@ -1,12 +1,9 @@
-"""The picture that a report begins with: the road from above, its targets and the alarms.
-
-The vehicle drives from left to right in all of them, whatever the length of the lane.
-"""
+"""What a report begins with: the road from above, its alarms, and the places that stand out."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from typing import Any
 
 import numpy as np
@@ -14,13 +11,11 @@ import pandas as pd
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from flgpr.model import Lane
-from flgpr.report.answer import MOST_PLACES, outstanding_alarms
 from flgpr.report.figures import DYNAMIC_RANGE
-from flgpr.report.kit import decibels, shaded, strongest
+from flgpr.report.kit import decibels, lane_patch, shaded, strongest
 from flgpr.results.result import Result, thinned
 from flgpr.scoring import Score
 from flgpr.screen import select
@@ -42,6 +37,10 @@ _VERGE = 0.35  # of the lane's width, shown on either side
 _MOST_VERGE = 1.0  # m
 _LARGEST_MARK = 140  # points², of the surest alarm
 _SMALLEST_MARK = 12
+MOST_PLACES = 40
+"""Places that are numbered and explained."""
+_EDGE = 0.25  # m
+_MOSTLY = 0.5  # of an alarm's amplitude
 
 
 def is_short(lane: Lane) -> bool:
@@ -72,7 +71,7 @@ def score_overview(scored: Score, objects: pd.DataFrame | None = None) -> Figure
     for number, (axes, lane) in enumerate(zip(strips, lanes.values(), strict=False)):
         alarms = scored.labels[scored.matched.alarm_lane == number]
         targets = scored.outcomes[scored.matched.target_lane == number]
-        axes.add_patch(_lane_patch(lane, fc=_ROAD, ec="#6f6552", lw=1.2, zorder=0.5))
+        axes.add_patch(lane_patch(lane, along=True, fc=_ROAD, ec="#6f6552", lw=1.2, zorder=0.5))
         if objects is not None:
             for kind, group in objects.groupby("kind", sort=False):
                 marker = "s" if kind == "post" else "D"
@@ -93,14 +92,12 @@ def _draw_scored_alarms(axes: Axes, alarms: pd.DataFrame, threshold: float) -> N
 
     Alarms that hit a target are not drawn: the target's mark says that it was found.
     """
-    is_raised = (alarms["confidence"] >= threshold).to_numpy()
-    is_false = (alarms["label"] == "false").to_numpy()
-    is_outside = (alarms["label"] == "outside").to_numpy()
-    false_alarms = alarms[is_raised & is_false]
-    outside_alarms = alarms[is_raised & is_outside]
+    is_raised = alarms["confidence"] >= threshold
     _draw_points(axes, alarms[~is_raised], ".", _WEAK, 3, "alarm too weak to count")
-    _draw_points(axes, false_alarms, "x", _FALSE, 9, "false alarm")
-    _draw_points(axes, outside_alarms, "+", _WEAK, 9, "alarm beside the lane")
+    raised = alarms[is_raised]
+    _draw_points(axes, raised[raised["label"] == "false"], "x", _FALSE, 9, "false alarm")
+    outside = raised[raised["label"] == "outside"]
+    _draw_points(axes, outside, "+", _WEAK, 9, "alarm beside the lane")
 
 
 def alarm_overview(
@@ -126,7 +123,7 @@ def alarm_overview(
     """
     figure, strips = _strips({"": lane})
     axes = strips[0]
-    axes.add_patch(_lane_patch(lane, fc=_ROAD, ec="#6f6552", lw=1.2, zorder=0.5))
+    axes.add_patch(lane_patch(lane, along=True, fc=_ROAD, ec="#6f6552", lw=1.2, zorder=0.5))
     shown = alarms[:most]
     if border is None:
         sizes = np.linspace(_LARGEST_MARK, _SMALLEST_MARK, len(shown))
@@ -183,10 +180,10 @@ def before_and_after(result: Result) -> tuple[Figure, Figure] | None:
     before = select(main.view, screen.polarization, screen.subband)
     after = select(cleaned[0].view, screen.polarization, screen.subband)
     top = strongest(before, result.lane)
-    figures = []
-    for view, alarms in ((before, main.alarms), (after, cleaned[0].alarms)):
-        figures.append(_radar_figure(view, alarms, result.lane, top))
-    return figures[0], figures[1]
+    return (
+        _radar_figure(before, main.alarms, result.lane, top),
+        _radar_figure(after, cleaned[0].alarms, result.lane, top),
+    )
 
 
 def _radar_figure(view: xr.DataArray, alarms: pd.DataFrame, lane: Lane, top: float) -> Figure:
@@ -200,7 +197,7 @@ def _radar_figure(view: xr.DataArray, alarms: pd.DataFrame, lane: Lane, top: flo
     view = thinned(view, math.ceil(view.sizes["y"] / _COLUMNS))
     level = decibels(view).T - top
     shaded(axes, view["y"], view["x"], level, (-DYNAMIC_RANGE, 0))
-    axes.add_patch(_lane_patch(lane, fill=False, ec="white", ls="-.", lw=1.4))
+    axes.add_patch(lane_patch(lane, along=True, fill=False, ec="white", ls="-.", lw=1.4))
     axes.plot(alarms["y"], alarms["x"], "o", mfc="none", mec="white", ms=7, mew=1.3)
     _frame(axes, lane)
     return figure
@@ -256,12 +253,6 @@ def _frame(axes: Axes, lane: Lane) -> None:
     axes.set_facecolor(_GROUND)
 
 
-def _lane_patch(lane: Lane, **style: Any) -> Rectangle:
-    """Return the outline of a lane that lies along the picture."""
-    corner = (lane.y_min, lane.x_min)
-    return Rectangle(corner, lane.y_max - lane.y_min, lane.x_max - lane.x_min, **style)
-
-
 def _draw_points(
     axes: Axes,
     table: pd.DataFrame,
@@ -304,3 +295,66 @@ def _finish(figure: Figure, strips: list[Axes]) -> None:
             fontsize=8,
             frameon=False,
         )
+
+
+def places_that_stand_out(result: Result) -> list[list[str]]:
+    """Return rank, name, place and a sentence of every alarm that stands out, at most 40."""
+    stands_out = result.manifest["run"].get("stands_out", {})
+    border = stands_out.get("border")
+    if border is None:
+        return []
+    outstanding = outstanding_alarms(result.alarms, result.lane, border)
+    rows = []
+    for rank, alarm in enumerate(outstanding[:MOST_PLACES].to_dict("records"), 1):
+        side = "left" if alarm["x"] < 0 else "right"
+        place = f"{alarm['y']:.2f} m along, {abs(alarm['x']):.2f} m {side}"
+        rows.append(
+            [
+                str(rank),
+                str(alarm["alarm_id"]),
+                place,
+                alarm_sentence(alarm, result.lane, border),
+            ]
+        )
+    return rows
+
+
+def outstanding_alarms(alarms: pd.DataFrame, lane: Lane, border: float) -> pd.DataFrame:
+    """Return the alarms in the lane of at least a confidence."""
+    return alarms[lane.contains(alarms["x"], alarms["y"]) & (alarms["confidence"] >= border)]
+
+
+def alarm_sentence(alarm: Mapping[Hashable, Any], lane: Lane, border: float) -> str:
+    """Return why an alarm stands out, and what speaks against it.
+
+    Parameters
+    ----------
+    alarm : mapping
+        Its row of the table of alarms.
+    lane : Lane
+        The lane.
+    border : float
+        Confidence from which on alarms stand out.
+
+    Returns
+    -------
+    str
+        Its strength, the scans that saw it, the roadside and the lane's edge.
+    """
+    confidence = float(alarm["confidence"])
+    parts = [f"confidence {confidence:.3g} ({border:.3g} suffices)"]
+    if not pd.isna(alarm.get("p")):
+        parts = [f"probability {alarm['p']:.2f} where mines are as frequent as in training"]
+    scans = alarm.get("scans")
+    if scans is not None and not pd.isna(scans):
+        seen = f"seen by {scans:.0f} scans"
+        parts.append("seen by one scan only: take another look" if scans == 1 else seen)
+    roadside = alarm.get("roadside")
+    if roadside is not None and not pd.isna(roadside):
+        share = f"{min(100 * roadside, 100):.0f} %"
+        is_mostly = roadside >= _MOSTLY
+        parts.append(f"{share} of it is the roadside's" if is_mostly else "not the roadside's")
+    margin = min(alarm["x"] - lane.x_min, lane.x_max - alarm["x"])
+    if margin < _EDGE:
+        parts.append("at the edge of the lane")
+    return ", ".join(parts)

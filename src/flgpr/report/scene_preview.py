@@ -5,9 +5,10 @@ from __future__ import annotations
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Rectangle
+from matplotlib.patches import Circle
 
 from flgpr.model import Lane
+from flgpr.report.kit import lane_patch
 from flgpr.types import FloatArray
 
 _COLOURS = {
@@ -64,10 +65,7 @@ def scene_figure(
     """
     figure = Figure(figsize=(11, 5.6), layout="constrained")
     plan, section = figure.subplots(2, 1, height_ratios=(2.2, 1), sharex=True)
-    length = lane.y_max - lane.y_min
-    width = lane.x_max - lane.x_min
-    corner = (lane.y_min, lane.x_min)
-    plan.add_patch(Rectangle(corner, length, width, fc="0.93", ec="0.2", ls="-.", label="lane"))
+    plan.add_patch(lane_patch(lane, along=True, fc="0.93", ec="0.2", ls="-.", label="lane"))
     for x, y, radius in patches:
         plan.add_patch(Circle((y, x), radius, fc="C9", alpha=0.25, lw=0))
     _add_markers(plan, pd.concat([targets[["kind", "x", "y"]], objects]))

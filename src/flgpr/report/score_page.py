@@ -5,7 +5,6 @@ One page, and the figures for papers.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +13,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from flgpr.report.answer import places_that_stand_out
 from flgpr.report.curve_figures import figure_bytes, patch_figure, roc_figure
 from flgpr.report.figures import (
     channel_figure,
@@ -22,8 +20,14 @@ from flgpr.report.figures import (
     geometry_figure,
     run_view_figure,
 )
-from flgpr.report.kit import render
-from flgpr.report.overview import alarm_overview, before_and_after, is_short, score_overview
+from flgpr.report.kit import render, table_rows
+from flgpr.report.overview import (
+    alarm_overview,
+    before_and_after,
+    is_short,
+    places_that_stand_out,
+    score_overview,
+)
 from flgpr.report.trial_block import score_block
 from flgpr.results.description import left_out_scans, plausible_poses
 from flgpr.results.result import Result
@@ -35,7 +39,6 @@ if TYPE_CHECKING:
     from flgpr.scoring.matching import LaneLike
 
 _MOST_ROWS = 500  # of alarms and of a curve that are shown
-_FORMATS = ("png", "pdf")
 _COLUMNS = {
     "lane": ("lane", ""),
     "alarm_id": ("alarm", ""),
@@ -53,7 +56,7 @@ _POINT = (
     "{n_detected:.0f} of {n_targets:.0f}",
     "{pd:.3f}",
     "{pd_low:.3f} to {pd_high:.3f}",
-    "{chance}",
+    "{chance:.3f}",
     "{n_false:.0f}",
     "{far:.4f}",
     "{far_low:.4f} to {far_high:.4f}",
@@ -63,20 +66,21 @@ _CURVE = (
     "{threshold:.5g}",
     "{n_detected:.0f} of {n_targets:.0f}",
     "{pd:.2f} ({pd_low:.2f} to {pd_high:.2f})",
-    "{chance}",
+    "{chance:.3f}",
     "{n_false:.0f}",
     "{far:.3g} ({far_low:.3g} to {far_high:.3g})",
 )
-_GROUP = ("{n_detected} of {n_targets}", "{pd:.3f}", "{pd_low:.3f} to {pd_high:.3f}", "{chance}")
-_MISSED = (
-    "{target_id}",
-    "{kind}",
-    "{depth_text}",
-    "{x:.2f}, {y:.2f}",
-    "{distance_text}",
-    "{far_text}",
+_GROUP = (
+    "{n_detected} of {n_targets}",
+    "{pd:.3f}",
+    "{pd_low:.3f} to {pd_high:.3f}",
+    "{chance:.3f}",
 )
-_FALSE = ("{key}", "{x:.2f}, {y:.2f}", "{confidence:.5g}", "{found_above}")
+_MISSED = ("{target_id}", "{kind}", "{cm}", "{x:.2f}, {y:.2f}", "{off_by}", "{first_seen}")
+_FALSE = ("{key}", "{x:.2f}, {y:.2f}", "{confidence}", "{found_above}")
+_TARGET = ("{target_id}", "{kind}, {deep}", "({x:.2f}, {y:.2f})", "{outcome}")
+_SEEN = ("{far:.3g}", "{rank:d}", "{n_false:d}", "{distance:.2f}", "({dx:+.2f}, {dy:+.2f})")
+_NEVER = ("never", "", "", "", "")
 
 
 def write_score_report(
@@ -158,14 +162,11 @@ def score_files(
     dict of str to str or bytes
         Content of each file.
     """
-    curves: dict[str, bytes] = {}
+    curves = {}
     figures: dict[str, str | bytes] = {}
     for name, figure in _roc_figures(scored[0]).items():
-        for kind in _FORMATS:
-            data = figure_bytes(figure, kind)
-            figures[f"{name}.{kind}"] = data
-            if kind == "png":
-                curves[name] = data
+        curves[name] = figures[f"{name}.png"] = figure_bytes(figure)
+        figures[f"{name}.pdf"] = figure_bytes(figure, "pdf")
     files: dict[str, str | bytes] = {
         "report.html": report_html(scored=scored, notes=notes, bands=curves, **page),
         "roc.json": roc_json(scored, notes),
@@ -242,27 +243,13 @@ def report_html(
         values["bands"] = bands or {}
         values["provenance"] = {**main.rules_summary(), **provenance}
         values["trial"] = score_block(main, provenance, scored_name or "alarm list")
-        values["in_words"] = in_words
         alarms = main.labels
-    values |= _alarm_values(alarms)
+    columns = {name: told for name, told in _COLUMNS.items() if name in alarms}
+    values["n_alarms"] = len(alarms)
+    values["columns"] = [title for title, _ in columns.values()]
+    cells = [f"{{{name}:{spec}}}" for name, (_, spec) in columns.items()]
+    values["alarms"] = table_rows(alarms[:_MOST_ROWS], cells)
     return render("report.html", **values)
-
-
-def _alarm_values(alarms: pd.DataFrame) -> dict[str, Any]:
-    """Return the template's values for the table of alarms."""
-    formats = {}
-    titles = []
-    for name, (title, number_format) in _COLUMNS.items():
-        if name in alarms:
-            titles.append(title)
-            formats[name] = number_format
-    rows = []
-    for alarm in alarms[:_MOST_ROWS].to_dict("records"):
-        cells = []
-        for name, number_format in formats.items():
-            cells.append(_value_in_words(alarm[name], number_format))
-        rows.append(cells)
-    return {"n_alarms": len(alarms), "columns": titles, "alarms": rows}
 
 
 def _result_values(
@@ -301,77 +288,44 @@ def _score_values(
 ) -> dict[str, Any]:
     """Return the template's values for what became of targets and alarms."""
     main = scored[0]
-    missed = _missed_table(main)
+    missed = main.missed()
+    is_seen = missed["detected"]
+    missed["cm"] = 100 * missed["depth"]
+    missed["off_by"] = missed["distance"].map("{:.2f}".format).where(is_seen, "none")
+    missed["first_seen"] = missed["far"].map("{:.4f}".format).where(is_seen, "never")
     false = main.worst_false_alarms(worst)
     # Lists without names of alarms have their patches by row number.
     false["key"] = false["alarm_id"] if "alarm_id" in false.columns else false.index
     groups = main.breakdown()
     by = [name for name in ("kind", "depth", "soil") if name in groups.columns]
-    groups[by] = groups[by].map(_value_in_words)
-    group_cells = [f"{{{name}}}" for name in by]
-    has_no_targets = not len(main.matched.truth)
     missed_keys = [key for key in missed["target_id"] if key in target_patches][:worst]
     false_keys = [key for key in false["key"] if key in alarm_patches]
-    mean_by_chance = ""
-    if main.pd_mean:
-        mean_by_chance = _value_in_words(main.pd_mean["chance"], ".3f")
+    has_targets = bool(len(main.matched.truth))
     return {
         "last": main.curve.iloc[-1],
-        "attrs": main.curve.attrs,
         "main": main,
         "rules": main.rules,
-        "pd_mean": main.pd_mean,
-        "mean_by_chance": mean_by_chance,
-        "last_by_chance": _value_in_words(main.curve["chance"].iloc[-1], ".2f"),
-        "survey": main.survey,
         "roc": complete_roc_figure(scored),
         "outcomes": [_outcome_rows(detection) for detection in scored],
         "shifts": _knows_shifts(main),
-        "points": _rows(main.operating_points(), _POINT, has_no_targets),
-        "curve": _rows(main.curve.iloc[1:][:_MOST_ROWS], _CURVE, has_no_targets),
+        "points": table_rows(main.operating_points(), _cells(_POINT, has_targets)),
+        "curve": table_rows(main.curve.iloc[1:][:_MOST_ROWS], _cells(_CURVE, has_targets)),
         "n_points": len(main.curve) - 1,
         "by": by,
-        "breakdown": _rows(groups, (*group_cells, *_GROUP)),
-        "missed": _rows(missed, _MISSED),
+        "breakdown": table_rows(groups, (*[f"{{{name}}}" for name in by], *_GROUP)),
+        "missed": table_rows(missed, _MISSED),
         "missed_patches": _patches(missed_keys, target_patches),
-        "false_alarms": _rows(false, _FALSE),
+        "false_alarms": table_rows(false, _FALSE),
         "false_patches": _patches(false_keys, alarm_patches),
     }
 
 
-def _missed_table(main: Score) -> pd.DataFrame:
-    """Return the missed targets with the texts of their cells."""
-    missed = main.missed()
-    distances = []
-    fars = []
-    for row in missed.to_dict("records"):
-        distances.append(f"{row['distance']:.2f}" if row["detected"] else "none")
-        fars.append(f"{row['far']:.4f}" if row["detected"] else "never")
-    missed["depth_text"] = [_value_in_words(100 * depth) for depth in missed["depth"]]
-    missed["distance_text"] = distances
-    missed["far_text"] = fars
-    return missed
-
-
-def _rows(
-    table: pd.DataFrame, cells: Sequence[str], has_no_targets: bool = False
-) -> list[list[str]]:
-    """Return the rows of a table by the formats of its cells.
-
-    Without targets the cells of Pd and chance are "none".
-    """
-    formats = []
-    for cell in cells:
-        is_of_targets = "{pd" in cell or "{chance" in cell
-        formats.append("none" if has_no_targets and is_of_targets else cell)
-    if "chance" in table:
-        # As text: an unknown chance, NaN, is written as such.
-        levels = [_value_in_words(level, ".3f") for level in table["chance"]]
-        table = table.assign(chance=levels)
-    rows = []
-    for row in table.to_dict("records"):
-        rows.append([cell.format_map(row) for cell in formats])
-    return rows
+def _cells(cells: Sequence[str], has_targets: bool) -> list[str]:
+    """Return the formats of a table of points; without targets Pd and chance are "none"."""
+    return [
+        cell if has_targets or not ("{pd" in cell or "{chance" in cell) else "none"
+        for cell in cells
+    ]
 
 
 def _roc_figures(main: Score) -> dict[str, Any]:
@@ -397,31 +351,21 @@ def _roc_figures(main: Score) -> dict[str, Any]:
 
 def _outcome_rows(scored: Score) -> list[list[str]]:
     """Return a row per target: its place, and whether and how it is found."""
+    outcomes = scored.outcomes
+    deep = (100 * outcomes["depth"]).map("{:.1f} cm".format)
+    outcomes = outcomes.assign(
+        deep=deep.where(outcomes["depth"].notna(), "depth not known"),
+        outcome=outcomes["found"].map({True: "found", False: "missed"}),
+    )
+    shift: tuple[str, ...] = ()
+    if _knows_shifts(scored):
+        shift = ("{shift}",)
+        texts = outcomes["expected_shift"].map("{:.2f}".format)
+        outcomes["shift"] = texts.where(np.isfinite(outcomes["expected_shift"]), "")
     rows = []
-    for row in scored.outcomes.to_dict("records"):
-        depth = f"{100 * row['depth']:.1f} cm"
-        if np.isnan(row["depth"]):
-            depth = "depth not known"
-        cells = [
-            row["target_id"],
-            f"{row['kind']}, {depth}",
-            f"({row['x']:.2f}, {row['y']:.2f})",
-            "found" if row["found"] else "missed",
-        ]
-        if row["detected"]:
-            cells += [
-                f"{row['far']:.3g}",
-                f"{row['rank']:d}",
-                f"{row['n_false']:d}",
-                f"{row['distance']:.2f}",
-                f"({row['dx']:+.2f}, {row['dy']:+.2f})",
-            ]
-        else:
-            cells += ["never", "", "", "", ""]
-        if _knows_shifts(scored):
-            shift = row["expected_shift"]
-            cells.append(f"{shift:.2f}" if np.isfinite(shift) else "")
-        rows.append(cells)
+    for index, is_seen in enumerate(outcomes["detected"]):
+        seen = _SEEN if is_seen else _NEVER
+        rows += table_rows(outcomes.iloc[[index]], (*_TARGET, *seen, *shift))
     return rows
 
 
@@ -452,23 +396,3 @@ def _patches(keys: Sequence[Any], patches: Mapping[Any, ArrayLike]) -> Any:
     if not keys:
         return None
     return patch_figure([patches[key] for key in keys], [str(key) for key in keys])
-
-
-def _value_in_words(value: Any, spec: str = "") -> str:
-    """Return a value of a table as text, rounded where it is a number."""
-    if pd.isna(value):
-        return "not known"
-    if not spec and isinstance(value, float):
-        spec = ".5g"
-    return format(value, spec)
-
-
-def in_words(value: Any) -> str:
-    """Return a value of the rules, nested or not, as text."""
-    if isinstance(value, Mapping):
-        return ", ".join(f"{name} {in_words(entry)}" for name, entry in value.items())
-    if isinstance(value, list | tuple):
-        return ", ".join(in_words(entry) for entry in value) or "unnamed"
-    if isinstance(value, float) and math.isfinite(value):
-        return f"{value:.6g}"
-    return str(value)

@@ -6,7 +6,7 @@ The same stands in the margins of every printed page.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from flgpr.model import Lane
@@ -49,14 +49,15 @@ def score_block(main: Score, notes: Mapping[str, Any], title: str) -> TrialBlock
         The head.
     """
     matched = main.matched
-    return list_block(
-        notes,
-        title,
-        (len(matched.alarms), len(matched.truth)),
-        notes.get("truth_sha256"),
-        lanes_in_words(matched.lanes),
-        _rules_of_score(main),
+    attrs = main.curve.attrs
+    rules = (
+        f"halo radius {attrs['halo_radius']:g} m, area rule {attrs['area_rule']}, targets found at "
+        f"{main.far:.2g} false alarms per m², {100 * main.rules.level:g} % intervals, refraction "
+        f"correction {attrs['refraction']}"
     )
+    counts = (len(matched.alarms), len(matched.truth))
+    lane = lanes_in_words(matched.lanes)
+    return list_block(notes, title, counts, notes.get("truth_sha256"), lane, rules)
 
 
 def list_block(
@@ -147,30 +148,35 @@ def comparison_block(
         f"halo radius {rules['halo_radius']:g} m, area rule {rules['area_rule']}, "
         f"{100 * rules['level']:g} % intervals"
     )
-    rows = [("date of the score", _note(first, "scored_on")), ("lane", lane)]
-    rows.append(("rules", stated_rules))
+    rows = [
+        ("date of the score", _note(first, "scored_on")),
+        ("lane", lane),
+        ("rules", stated_rules),
+    ]
     vendors = sorted({row[1] for row in lists} - {NOT_STATED})
-    block = _block(rows, first, ", ".join(names), lane, stated_rules)
-    return TrialBlock(
-        rows=block.rows,
+    return replace(
+        _block(rows, first, "", lane, stated_rules),
         head=["detector", "vendor", "file", "SHA-256", "ranking"],
         lists=lists,
         top_left=", ".join(vendors or names),
-        top_right=block.top_right,
-        bottom_left=block.bottom_left,
     )
 
 
 def lanes_in_words(lanes: Mapping[str, Lane]) -> str:
     """Return the borders of lanes in words; of many, their number and area."""
-    area = sum((lane.x_max - lane.x_min) * (lane.y_max - lane.y_min) for lane in lanes.values())
+    area = sum(lane.area for lane in lanes.values())
     if len(lanes) > _MOST_LANES:
         return f"{len(lanes)} lanes, {area:g} m² together"
+    return f"{borders_in_words(lanes)} ({area:g} m²)"
+
+
+def borders_in_words(lanes: Mapping[str, Lane]) -> str:
+    """Return the borders of each lane, m."""
     texts = []
     for name, lane in lanes.items():
         borders = f"x {lane.x_min:g} to {lane.x_max:g} m, y {lane.y_min:g} to {lane.y_max:g} m"
         texts.append(f"{name}: {borders}" if name else borders)
-    return f"{'; '.join(texts)} ({area:g} m²)"
+    return "; ".join(texts)
 
 
 def _block(
@@ -195,13 +201,3 @@ def _note(notes: Mapping[str, Any], name: str) -> str:
 def _with_digest(text: str, digest: Any) -> str:
     """Return a text with a digest behind it, if there is one."""
     return f"{text}, SHA-256 {digest}" if digest else text
-
-
-def _rules_of_score(main: Score) -> str:
-    """Return the rules of a score in words."""
-    attrs = main.curve.attrs
-    return (
-        f"halo radius {attrs['halo_radius']:g} m, area rule {attrs['area_rule']}, targets found at "
-        f"{main.far:.2g} false alarms per m², {100 * main.rules.level:g} % intervals, refraction "
-        f"correction {attrs['refraction']}"
-    )

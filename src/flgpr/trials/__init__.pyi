@@ -16,11 +16,11 @@ from flgpr_trials.ledger import read_register as read_register
 from flgpr_trials.ledger import register as register
 from flgpr_trials.ledger import require_registered as require_registered
 from flgpr_trials.ledger import require_truth as require_truth
-from flgpr_trials.passphrase import PASSPHRASE_RULE as PASSPHRASE_RULE
-from flgpr_trials.passphrase import check_passphrase as check_passphrase
 from flgpr_trials.planning import SamplePlan as SamplePlan
 from flgpr_trials.planning import area_needed as area_needed
 from flgpr_trials.planning import emplacement_plan as emplacement_plan
 from flgpr_trials.planning import mines_needed as mines_needed
 from flgpr_trials.planning import sample_size as sample_size
+from flgpr_trials.sealing import PASSPHRASE_RULE as PASSPHRASE_RULE
+from flgpr_trials.sealing import check_passphrase as check_passphrase
 from flgpr_trials.sealing import seal_truth as seal_truth

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from flgpr.commands.imports import FromTrack, written_lines
+from flgpr.commands.imports import FromTrack
 from flgpr.commands.options import (
     AnchorOption,
     Output,
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 
 @command(
-    lines=written_lines,
     panels={
         "Result files": (
             "band",

@@ -20,8 +20,7 @@ from flgpr.store.tables import parse_own_table
 from flgpr_trials.blind import Registration, match_blind
 from flgpr_trials.folder import USED_ROWS, SignedList, TrialFolder, open_trial, used_rows
 from flgpr_trials.ledger import content_hash, read_register
-from flgpr_trials.passphrase import require_seal
-from flgpr_trials.sealing import Phrase
+from flgpr_trials.sealing import Phrase, require_seal
 from flgpr_trials.verdict import Verdict, judge
 from flgpr_trials.verdict_page import verdict_html, verdict_pdf
 

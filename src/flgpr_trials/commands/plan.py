@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,6 +12,7 @@ from typer import Argument, Option
 
 from flgpr.commands.options import Output, PathLike, Paths, anchor_option, one_or_more
 from flgpr.commands.shell import Arguments, command
+from flgpr.commands.trials import REGISTER_COLUMN
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -39,15 +41,30 @@ def _mines_lines(plan: SamplePlan, call: Arguments) -> Iterator[str]:
 @command(lines=_mines_lines, quiet=False)
 def plan_mines(
     pd_claim: Annotated[float, Option("--pd", help="Probability of detection to be shown.")] = 0.9,
-    far: Annotated[float, Option(help="False alarms per m² to be shown.")] = 0.01,
-    confidence: Annotated[float, Option(help="Confidence of each claim.")] = 0.95,
-    true_pd: Annotated[float | None, Option(help="Pd the detector is believed to have.")] = None,
-    true_far: Annotated[float | None, Option(help="FAR it is believed to have.")] = None,
+    far: float = 0.01,
+    confidence: float = 0.95,
+    true_pd: float | None = None,
+    true_far: float | None = None,
     *,
-    power: Annotated[float, "Probability with which the claim shall be shown."] = 0.8,
-    joint: Annotated[bool, "Whether the confidence is that of both claims together."] = False,
+    power: float = 0.8,
+    joint: bool = False,
 ) -> SamplePlan:
     """Return how many mines and how much ground it takes to show a performance.
+
+    Parameters
+    ----------
+    far
+        False alarms per m² to be shown.
+    confidence
+        Confidence of each claim.
+    true_pd
+        Pd the detector is believed to have.
+    true_far
+        FAR it is believed to have.
+    power
+        Probability with which the claim shall be shown.
+    joint
+        Whether the confidence is that of both claims together.
 
     Returns
     -------
@@ -70,7 +87,7 @@ def _lane_lines(
     returned: tuple[pd.DataFrame, dict[str, Any]], call: Arguments
 ) -> Iterator[str | Path]:
     """Yield the files, the seed and the time of the register line."""
-    from flgpr_trials.commands.planning import plan_files
+    from flgpr_trials.commands.crew import plan_files
 
     plan, line = returned
     yield from plan_files(call.output, call.anchor is not None).values()
@@ -85,37 +102,51 @@ def _lane_lines(
 
 @command(
     lines=_lane_lines,
-    panels={
-        "Plan": ("seed", "spacing", "edge", "anchor"),
-        "Register": ("recipe", "book", "halo", "far"),
-    },
 )
 def plan_lane(
-    lane: Annotated[PathLike, Argument(help="TOML or CSV of the lane or lanes.")],
-    targets: Annotated[PathLike, Argument(help="CSV with kind, depth (m) and count.")],
+    lane: PathLike,
+    targets: PathLike,
     output: Output,
-    seed: Annotated[
-        int | None,
-        Option(
-            help="Seed to draw a plan again; who can guess it knows the plan. "
-            "By default drawn, and printed."
-        ),
-    ] = None,
-    spacing: Annotated[float, Option(help="Least distance between targets, m.")] = 3.0,
-    edge: Annotated[float, Option(help="Least distance to the lane's border, m.")] = 0.5,
-    recipe: Annotated[
-        str | None, Option(help="What fixes a detector, registered with the plan.")
-    ] = None,
-    book: Annotated[PathLike | None, Option(help="Register; beside the plan by default.")] = None,
+    seed: int | None = None,
+    spacing: float = 3.0,
+    edge: float = 0.5,
+    recipe: str | None = None,
+    book: PathLike | None = None,
     anchor: Annotated[PathLike | None, anchor_option("adds GeoPackage and GPX")] = None,
-    halo: Annotated[float, Option(help="Halo radius that scores must use, m.")] = 1.0,
-    far: Annotated[
-        float, Option(help="Operating point that scores must use, false alarms per m².")
-    ] = 0.05,
+    halo: float = 1.0,
+    far: float = 0.05,
 ) -> tuple[pd.DataFrame, dict[str, Any]]:
     """Draw an emplacement plan and register it with the rules of its scoring.
 
     The crew's page and sheet are written with it.
+
+    Parameters
+    ----------
+    lane
+        TOML or CSV of the lane or lanes.
+    targets
+        CSV with kind, depth (m) and count.
+
+    Plan
+    ----
+    seed
+        Seed to draw a plan again; who can guess it knows the plan. By default drawn, and printed.
+    spacing
+        Least distance between targets, m.
+    edge
+        Least distance to the lane's border, m.
+    anchor
+
+    Register
+    --------
+    recipe
+        What fixes a detector, registered with the plan.
+    book
+        Register; beside the plan by default.
+    halo
+        Halo radius that scores must use, m.
+    far
+        Operating point that scores must use, false alarms per m².
 
     Returns
     -------
@@ -131,15 +162,78 @@ def plan_lane(
 
     Notes
     -----
-    The files are those of :func:`flgpr_trials.commands.planning.plan_files`. Who can guess the seed has
+    The files are those of :func:`flgpr_trials.commands.crew.plan_files`. Who can guess the seed has
     the plan. A plan that was drawn of the same inputs is left as it is; one that was stopped before
     it was registered is finished.
     """
-    from flgpr_trials.commands.planning import PlanOrder, draw_and_register
+    from flgpr.commands.exports import Wish, write_export
+    from flgpr.commands.scoring import borders, read_lanes
+    from flgpr.geo import read_anchor
+    from flgpr.store.extras import optional
+    from flgpr.store.files import check_new
+    from flgpr.store.outputs import log_finished, output_exists_error, write_new
+    from flgpr.store.tables import csv_text
+    from flgpr_trials.commands import crew
+    from flgpr_trials.commands.scores import recipe_hash
+    from flgpr_trials.folder import require_trial_rules, trial_register
+    from flgpr_trials.ledger import content_hash, enter, read_register, require_unopened
+
+    path = Path(output)
+    if path.suffix != ".csv":
+        raise ValueError(f"output must be a file name that ends in .csv, got {path}")
+    files = crew.plan_files(path, anchor is not None)
+    register = Path(book or trial_register(path) or f"{path}.register.jsonl")
+    too_late = f"book must be one under which no truth was opened yet, got {register}"
+
+    lanes = read_lanes(lane)
+    plan = crew.drawn_plan(lanes, targets, seed, spacing, edge)
+    plan[REGISTER_COLUMN] = register.name
+    lane_anchor = None if anchor is None else read_anchor(anchor)
+    # What may be missing is looked for before anything is written.
+    if lane_anchor is not None:
+        optional("geopandas", "gis")
 
     rules = {"halo": float(halo), "far": float(far)}
-    order = PlanOrder(lane, targets, Path(output), seed, spacing, edge, recipe, book, anchor, rules)
-    return draw_and_register(order)
+    entry: dict[str, Any] = {
+        "event": "plan",
+        "lanes": borders(lanes),
+        "rules": rules,
+        "spacing": float(spacing),
+        "edge": float(edge),
+    }
+    if recipe is not None:
+        entry["recipe"] = recipe_hash(recipe).of_file
+    lines = read_register(register)
+    require_trial_rules(lines, rules, register)
+
+    if os.path.lexists(path):
+        plan = crew.existing_plan(path, plan, seed)
+        entry["plan"] = content_hash(path)
+        registered = crew.line_of_plan(lines, entry, path)
+        if registered is not None:
+            log_finished(path, "choose another name for another plan")
+            return plan, registered
+        require_unopened(lines, too_late)
+    else:
+        # A plan without its papers, or papers of another plan, would mislead the crew.
+        for file in files.values():
+            check_new(file)
+        require_unopened(lines, too_late)
+        write_new(path, csv_text(plan))
+        entry["plan"] = content_hash(path)
+
+    crew.write_papers(plan, lanes, files, entry["plan"], lane_anchor)
+    for kind in ("gpkg", "gpx"):
+        if kind in files:
+            write_export(Wish(path, files[kind], kind, anchor))
+
+    def entry_unless_opened(lines_now: list[dict[str, Any]]) -> dict[str, Any]:
+        require_unopened(lines_now, too_late)
+        if crew.line_of_plan(lines_now, entry, path) is not None:
+            raise output_exists_error(path, "another process has just drawn and registered it")
+        return entry
+
+    return plan, enter(register, entry_unless_opened)[-1]
 
 
 def _register_lines(line: dict[str, Any], call: Arguments) -> Iterator[str]:
@@ -157,15 +251,17 @@ def register_recipe(
         ),
     ],
     book: Annotated[PathLike, Option(help="Register of the plan.")],
-    model: Annotated[
-        PathLike | None, Option(help="Model that it is run with, of `flgpr train`.")
-    ] = None,
-    witness: Annotated[
-        PathLike | None,
-        Option(help="A file elsewhere that must hold the register's lines; new ones are added."),
-    ] = None,
+    model: PathLike | None = None,
+    witness: PathLike | None = None,
 ) -> dict[str, Any]:
     """Register what fixes your detector, before the truth is opened; scores then ask for it.
+
+    Parameters
+    ----------
+    model
+        Model that it is run with, of `flgpr train`.
+    witness
+        A file elsewhere that must hold the register's lines; new ones are added.
 
     Returns
     -------
@@ -179,7 +275,7 @@ def register_recipe(
     FileNotFoundError
         If the register, the file or the model is missing.
     """
-    from flgpr_trials.commands.registering import enter_recipe, with_witness
+    from flgpr_trials.commands.scores import enter_recipe, with_witness
 
     return enter_recipe(recipe, with_witness(book, witness), model)
 
@@ -212,20 +308,22 @@ def _check_json(returned: CheckedRegister, _: Arguments) -> dict[str, Any]:
 
 @command(lines=_check_lines, as_json=_check_json, quiet=False)
 def check_register(
-    book: Annotated[PathLike, Argument(help="Register.")],
-    report: Annotated[
-        Paths | None,
-        Option(
-            help="Report of a score with this register (roc.json or its folder); several may be."
-        ),
-    ] = None,
-    witness: Annotated[
-        PathLike | None, Option(help="A file elsewhere that must hold the register's lines.")
-    ] = None,
+    book: PathLike,
+    report: Paths | None = None,
+    witness: PathLike | None = None,
 ) -> CheckedRegister:
     """Check a register line by line.
 
     No line that a witness or a report knows may be missing.
+
+    Parameters
+    ----------
+    book
+        Register.
+    report
+        Report of a score with this register (roc.json or its folder); several may be.
+    witness
+        A file elsewhere that must hold the register's lines.
 
     Returns
     -------
@@ -238,7 +336,7 @@ def check_register(
         If a line was altered, or one that the witness or a report knows is missing; it names the
         line.
     """
-    from flgpr_trials.commands.registering import (
+    from flgpr_trials.commands.scores import (
         heads_of_reports,
         read_existing_register,
         with_witness,
@@ -264,15 +362,24 @@ def _survey_lines(
 
 @command(lines=_survey_lines)
 def survey_plan(
-    plan: Annotated[PathLike, Argument(help="Plan that was emplaced.")],
-    sheet: Annotated[PathLike, Argument(help="Its sheet, filled in by the crew.")],
+    plan: PathLike,
+    sheet: PathLike,
     output: Output,
-    book: Annotated[PathLike | None, Option(help="Register; the plan names its own.")] = None,
-    within: Annotated[
-        float, Option(help="Largest difference from the plan that is believed, m.")
-    ] = 1.0,
+    book: PathLike | None = None,
+    within: float = 1.0,
 ) -> tuple[pd.DataFrame, dict[str, Any]]:
     """Read what was emplaced, write it as truth and register it in place of the plan.
+
+    Parameters
+    ----------
+    plan
+        Plan that was emplaced.
+    sheet
+        Its sheet, filled in by the crew.
+    book
+        Register; the plan names its own.
+    within
+        Largest difference from the plan that is believed, m.
 
     Returns
     -------
@@ -293,6 +400,43 @@ def survey_plan(
     Every row of the sheet says in ``emplaced`` yes or no. Where place or depth is empty it is as
     planned.
     """
-    from flgpr_trials.commands.surveying import register_survey
+    from flgpr.door import read_named
+    from flgpr.store.files import existing
+    from flgpr.store.outputs import write_new
+    from flgpr.store.tables import csv_text, parse_table
+    from flgpr_trials.commands.crew import read_sheet
+    from flgpr_trials.commands.scores import default_register
+    from flgpr_trials.ledger import content_hash, enter_unopened, read_register, require_unopened
 
-    return register_survey(plan, sheet, output, book, within)
+    data = read_named(existing(plan, "truth file"))
+    planned = parse_table(data, "truth", plan)
+    path = default_register(plan, planned) if book is None else Path(book)
+    if path is None:
+        raise ValueError(f"book must be given: {plan} names no register")
+    lines = read_register(existing(path, "register"))
+    this_plan = {"event": "plan", "plan": content_hash(data)}
+    plan_lines = [line for line in lines if this_plan.items() <= line.items()]
+    if not plan_lines:
+        raise ValueError(f"plan must be one that stands in {path}, unaltered, got {plan}")
+    too_late = (
+        f"what was emplaced must be entered before the truth is opened; {path} tells of an opening"
+    )
+    truth, offset = read_sheet(sheet, planned, within)
+    text = csv_text(truth)
+    kept: dict[str, Any] = {
+        name: plan_lines[-1][name] for name in ("plan", "lanes", "rules") if name in plan_lines[-1]
+    }
+    entry: dict[str, Any] = {
+        "event": "survey",
+        **kept,
+        "moved": int((offset > 0).sum()),
+        "largest_offset": round(float(offset.max()), 3),
+        "left_out": len(planned) - len(truth),
+        "truth": content_hash(text),
+    }
+    # The same survey may have been entered, and its truth be missing: it is written again.
+    earlier = [line for line in lines if entry.items() <= line.items()]
+    if not earlier:
+        require_unopened(lines, too_late)
+    write_new(Path(output), text)
+    return truth, earlier[-1] if earlier else enter_unopened(path, entry, too_late)

@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from flgpr.commands.options import Overwrite, PathLike, lane_option
-from flgpr.commands.score_options import Columns, ListAnchor, Passphrase, Unranked
+from flgpr.commands.score_request import Columns, ListAnchor, Passphrase, Unranked
 from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:
-    from flgpr_trials.commands.taking_in import Intake
     from flgpr_trials.folder import TrialFolder
+    from flgpr_trials.intake import Intake
     from flgpr_trials.verdict import Verdict
 
+_TOO_LATE = "a list must be taken in before the truth is opened; the register tells of an opening"
 Folder = Annotated[PathLike, Argument(metavar="DIR", help="Folder of the trial.")]
 
 
@@ -32,12 +33,21 @@ def _new_lines(trial: TrialFolder, _: Arguments) -> Iterator[Any]:
 def trial_new(
     home: Folder,
     pd_claim: Annotated[float, Option("--pd", help="Probability of detection to be shown.")] = 0.9,
-    far: Annotated[float, Option(help="At this false alarm rate, per m².")] = 0.05,
-    confidence: Annotated[float, Option(help="With this confidence.")] = 0.95,
-    halo: Annotated[float, Option(help="Halo radius, m.")] = 1.0,
+    far: float = 0.05,
+    confidence: float = 0.95,
+    halo: float = 1.0,
     lane: Annotated[PathLike | None, lane_option("or of several; an example by default")] = None,
 ) -> TrialFolder:
     """Begin a trial: write its folder, and register what a detector has to show.
+
+    Parameters
+    ----------
+    far
+        At this false alarm rate, per m².
+    confidence
+        With this confidence.
+    halo
+        Halo radius, m.
 
     Returns
     -------
@@ -88,25 +98,37 @@ def _intake_json(intake: Intake, _: Arguments) -> dict[str, Any]:
 @command(
     lines=_intake_lines,
     as_json=_intake_json,
-    panels={"How the list is read": ("columns", "anchor", "unranked", "unit")},
 )
 def trial_intake(
     home: Folder,
-    vendor: Annotated[str, Argument(help="Whose list it is.")],
-    alarms: Annotated[PathLike, Argument(help="The list (CSV).")],
-    signed: Annotated[
-        str | None, Option(help="Name of the person who has looked at the page and signs the list.")
-    ] = None,
+    vendor: str,
+    alarms: PathLike,
+    signed: str | None = None,
     columns: Columns = None,
     anchor: ListAnchor = None,
     unranked: Unranked = False,
-    unit: Annotated[
-        str | None, Option(help="Unit of x and y where the header states none: m, ft, cm, ...")
-    ] = None,
+    unit: str | None = None,
 ) -> Intake:
     """Show a vendor's list before it is scored, and register it once a person signs it.
 
     No truth is opened.
+
+    Parameters
+    ----------
+    vendor
+        Whose list it is.
+    alarms
+        The list (CSV).
+    signed
+        Name of the person who has looked at the page and signs the list.
+
+    How the list is read
+    --------------------
+    columns
+    anchor
+    unranked
+    unit
+        Unit of x and y where the header states none: m, ft, cm, ...
 
     Returns
     -------
@@ -119,13 +141,70 @@ def trial_intake(
         If the truth was opened, the file cannot be read, or what is signed is doubtful.
     FileNotFoundError
         If there is no such trial or list.
+
+    Notes
+    -----
+    A list that is signed again takes the place of the one before.
     """
+    from flgpr.commands.entrants import checked_name
     from flgpr.commands.positions import table_reading
+    from flgpr.commands.scoring import borders, read_lanes
+    from flgpr.door import read_named, refuse_links
+    from flgpr.scoring import as_lanes
     from flgpr.store.dialects import TableReading
-    from flgpr_trials.commands.taking_in import IntakeOrder, take_in
+    from flgpr.store.files import existing
+    from flgpr.store.outputs import log_finished
+    from flgpr.store.tables import csv_text
+    from flgpr_trials.folder import open_trial, used_rows, write_changed
+    from flgpr_trials.intake import Intake, read_vendor_list
+    from flgpr_trials.ledger import content_hash, enter_unopened, read_register, require_unopened
+    from flgpr_trials.pages import intake_html
 
     reading = table_reading(columns, anchor, unranked) or TableReading()
-    return take_in(IntakeOrder(Path(home), vendor, Path(alarms), reading, unit, signed))
+    trial = open_trial(Path(home))
+    vendor = checked_name(vendor)
+    if signed is not None:
+        signed = checked_name(signed, "signed")
+    lines = read_register(trial.register)
+    require_unopened(lines, _TOO_LATE)
+    path = trial.own_list_path(vendor, lines)
+
+    data = read_named(existing(alarms, "alarms file"))
+    lanes = as_lanes(read_lanes(trial.lanes))
+    planned = [line["lanes"] for line in lines if line.get("event") == "plan"]
+    if planned and planned[-1] != borders(lanes):
+        raise ValueError(
+            f"lanes must be those of the plan in {trial.register}, got others in {trial.lanes}"
+        )
+    halo = trial.entries.halo
+    read = read_vendor_list(data, Path(alarms).name, vendor, lanes, halo, reading, unit)
+    if signed is not None:
+        read.require_clear()
+    used = csv_text(read.used)
+    refuse_links(path.parent)
+    path.parent.mkdir(exist_ok=True)
+    is_new = write_changed(path, data)
+    is_new |= write_changed(used_rows(path), used.encode())
+
+    line = None
+    if signed is not None:
+        # The list itself is what fixes a detector's answer: scores ask for it as for a recipe.
+        entry = {
+            "event": "list",
+            "vendor": vendor,
+            "file": read.file,
+            "recipe": content_hash(data),
+            "used": content_hash(used),
+            "rows": [len(read.used), read.count],
+            "signed": signed,
+        }
+        same = [earlier for earlier in lines if entry.items() <= earlier.items()]
+        line = same[-1] if same else enter_unopened(trial.register, entry, _TOO_LATE)
+    page = path.with_suffix(".html")
+    html = intake_html(read, lanes, halo, read.facts(lanes, data), line)
+    if not write_changed(page, html.encode()) and not is_new:
+        log_finished(page, "another list of this vendor takes its place")
+    return Intake(read, page, line)
 
 
 def _verdict_lines(verdict: Verdict | None, call: Arguments) -> Iterator[Any]:
@@ -143,14 +222,18 @@ def _verdict_json(_: Verdict | None, call: Arguments) -> Any:
     return UntrustedFolder(Path(call.home)).json("verdict.json")
 
 
-def _passphrase(_: Arguments) -> dict[str, Any]:
-    """Return the function that asks for the passphrase."""
+def _asked_passphrase() -> str:
+    """Ask for the passphrase."""
     from flgpr_trials.commands.scores import ask_passphrase
 
-    return {"passphrase": ask_passphrase}
+    return ask_passphrase()
 
 
-@command(lines=_verdict_lines, as_json=_verdict_json, python_values=_passphrase)
+@command(
+    lines=_verdict_lines,
+    as_json=_verdict_json,
+    python_values=lambda _: {"passphrase": _asked_passphrase},
+)
 def trial_verdict(
     home: Folder, overwrite: Overwrite = False, *, passphrase: Passphrase = None
 ) -> Verdict | None:
