@@ -18,7 +18,7 @@ from flgpr_papers.cosgrove2004.findings import (
 from flgpr_papers.cosgrove2004.images import PointResponse, study_sensor
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
 from flgpr_papers.kit.findings import Finding, by_chance
-from flgpr_papers.kit.intervals import SHARE, students
+from flgpr_papers.kit.intervals import SHARE, Interval, students
 from flgpr_papers.kit.page import Rows
 
 Cases = Mapping[str, Mapping[str, Sequence[Case]]]
@@ -70,41 +70,26 @@ def page_tables(
     found : sequence of Finding
         The findings, with the surroundings for a group.
     """
-    detectors = {}
-    contrast: dict[str, list[Any]] = {}
-    for surroundings, lanes in cases.items():
-        titles = {site: recipe.sites[site].title for site in lanes}
-        table = tables[surroundings]
-        detectors[surroundings] = {
-            title: _detector_rows(table[table["site"] == site]) for site, title in titles.items()
-        }
-        contrast[surroundings] = []
-        for site, depth, looks, level in contrast_table(lanes).to_numpy().tolist():
-            row = (titles[site], f"{100 * depth:.0f} cm", looks, f"{level:.1f} dB")
-            contrast[surroundings].append(row)
     return {
         "recipe": recipe,
         "by_chance": {name: by_chance([f for f in found if f.group == name]) for name in BESIDE},
         "sizes": next(iter(cases.values())),
-        "detectors": detectors,
-        "contrast": contrast,
+        "detectors": {name: _detector_table(table) for name, table in tables.items()},
+        "contrast": {name: contrast_table(lanes) for name, lanes in cases.items()},
         "beside": BESIDE,
     }
 
 
-def _detector_rows(table: pd.DataFrame) -> list[list[str]]:
-    """Tabulate the detectors' Pd at a site."""
-    rows = []
+def _detector_table(table: pd.DataFrame) -> dict[str, dict[str, list[Interval]]]:
+    """Return the detectors' Pd by site and detector, in the order of the columns."""
     # Those of the sweeps over examples stand in their figure.
-    for name, chosen in table[~table["detector"].str.endswith("examples")].groupby(
-        "detector", sort=False
-    ):
-        row = [str(name)]
-        for column in ("pd", "pd_quantile", "pd_rockless", "pd_mean"):
-            pd_words = "{:.2f} ({:.2f} to {:.2f})"
-            row.append(pd_words.format(*students(chosen[column].to_numpy(), bounds=SHARE)))
-        rows.append(row)
-    return rows
+    shown = table[~table["detector"].str.endswith("examples")]
+    detectors: dict[str, dict[str, list[Interval]]] = {}
+    for (site, name), chosen in shown.groupby(["site", "detector"], sort=False):
+        columns = chosen[["pd", "pd_quantile", "pd_rockless", "pd_mean"]].to_numpy().T
+        intervals = [students(column, bounds=SHARE) for column in columns]
+        detectors.setdefault(site, {})[name] = intervals
+    return detectors
 
 
 def figure_rows(

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,6 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from flgpr.design.point_spread import PointSpread
-from flgpr.detect import SearchStep
 from flgpr.features import FEATURES
 from flgpr.method.classifier import count_mines, make_training_set
 from flgpr.model import Sensor
@@ -32,7 +31,6 @@ from flgpr_papers.wang2007.analysis import (
     MINES,
     POLARIZATIONS,
     SIMULANTS,
-    SUBBANDS,
     LaneResult,
     Pool,
     all_forty,
@@ -40,9 +38,6 @@ from flgpr_papers.wang2007.analysis import (
 )
 from flgpr_papers.wang2007.comparisons import retrainings
 from flgpr_papers.wang2007.findings import SETS, Tables
-
-Row = tuple[Any, ...]
-PAPER: dict[str, dict[str, Any]] = tomllib.loads(packaged_text("wang2007", "paper"))
 
 
 @dataclass(frozen=True)
@@ -162,58 +157,30 @@ def _pd(matched: Match, subset: Any, far: float) -> str:
 def page_tables(measured: Measured) -> dict[str, Any]:
     """Return what the template of the page takes."""
     tables = measured.tables
-    draws = measured.draws
     pool = tables.pool
     score, confidence, chosen = pool.nested(all_forty()[:10], 5)
-    low, high = pool.interval(confidence, draws)
-    singles: list[Row] = []
-    searches: list[Row] = []
-    for method, meaning in METHODS.items():
-        ours = tables.by_band["F1"].loc[method]
-        singles.append((f"({method}) {meaning}", "paper", *_digits(PAPER["singles"][method])))
-        singles.append(("", "here", *_digits(ours)))
-        searches.append((f"({method})", "paper", *_steps(*PAPER["searches"][method])))
-        searches.append(("", "here", *_found_steps(tables.searches[method])))
-    sets = []
-    for band in SUBBANDS:
-        paper, paper_score = PAPER["sets"][band]
-        found = tables.sets[band]
-        features = ", ".join(str(step.feature + 1) for step in found)
-        sets.append((band, paper, f"{paper_score:.2f}", features, f"{found[-1].score:.2f}"))
-    shared = pool.singles([f"shared.{name}_F1" for name in FEATURES[6:]], "A")
-    swapped = pool.singles([f"swapped.{name}_F1" for name in FEATURES], "A")
+    low, high = pool.interval(confidence, measured.draws)
+    costs = measured.costs.groupby(["difference", "lanes"], sort=False)
     return {
         "radar": measured.radar,
-        "lanes": [_lane_row(one) for one in (*measured.calibration, *measured.blind)],
+        "lanes": [*measured.calibration, *measured.blind],
         "header": HEADER,
         "points": _point_rows(tables),
-        "retrained": _retrained_rows(pool, draws),
+        "retrained": _retrained(pool, measured.draws),
+        "methods": METHODS,
         "features": list(FEATURES),
-        "numbered": [f"#{i + 1} {name}" for i, name in enumerate(FEATURES)],
-        "costs": _cost_rows(measured.costs),
-        "singles": singles,
-        "variants": [
-            ("as printed", *_digits(tables.by_band["F1"].loc["A"])),
-            ("regions exchanged", *_digits(swapped)),
-            (
-                "one gain for all polarizations, circular mean of psi",
-                *[""] * 6,
-                *_digits(shared),
-            ),
-        ],
-        "bands": [(band, *_digits(table.loc["A"])) for band, table in tables.by_band.items()],
-        "searches": searches,
+        "numbered": [f"#{number} {name}" for number, name in enumerate(FEATURES, start=1)],
+        "printed": tomllib.loads(packaged_text("wang2007", "paper")),
+        "tables": tables,
+        "swapped": pool.singles([f"swapped.{name}_F1" for name in FEATURES], "A"),
+        "shared": pool.singles([f"shared.{name}_F1" for name in FEATURES[6:]], "A"),
+        "costs": [of_difference.to_dict("records") for _, of_difference in costs],
         "nested": {
             "score": score,
             "low": low,
             "high": high,
             "chosen": "; ".join(", ".join(names) for names in chosen),
         },
-        "sets": sets,
-        "all_forty": [
-            ("paper", *_steps(*PAPER["forty"]["steps"])),
-            ("here", *_found_steps(tables.sets["all"])),
-        ],
     }
 
 
@@ -230,61 +197,16 @@ def _point_rows(tables: Tables) -> list[tuple[str, ...]]:
     return rows + point_rows(blind_matches, subsets, area=AREA)
 
 
-def _cost_rows(costs: pd.DataFrame) -> list[Row]:
-    """Tabulate what each difference costs.
-
-    There is a row per difference and kind of lanes, and a column per detector.
-    """
-    rows: list[Row] = []
-    for (difference, lanes), of_difference in costs.groupby(["difference", "lanes"], sort=False):
-        first = of_difference.iloc[0]
-        cells = []
-        for row in of_difference.itertuples():
-            cells.append(f"{row.cost:+z.3f} ({row.low:+z.3f} to {row.high:+z.3f})")
-        change = f"{first['printed']} to {first['changed']}"
-        alarms = f"{first['alarms']} and {first['alarms_changed']}"
-        rows.append((difference, change, lanes, *cells, alarms))
-    return rows
-
-
-def _retrained_rows(pool: Pool, draws: int) -> list[Row]:
-    """Tabulate PD_mean of both classifiers with two intervals.
+def _retrained(pool: Pool, draws: int) -> list[tuple[Any, ...]]:
+    """Return PD_mean of both classifiers by methods A and C, with two intervals.
 
     The first is over lanes and targets alone, the second with training in every draw.
     """
     rows = []
-    for name, columns in SETS.items():
-        for method in "AC":
-            confidence = pool.confidence(columns, method)
-            value = pool.scorer(confidence)
-            drawn = pool.retrained(columns, method, retrainings(draws))
-            intervals = [pool.interval(confidence, draws), spread(value, drawn, bounds=SHARE)[1:]]
-            texts = [f"{low:.2f} to {high:.2f}" for low, high in intervals]
-            rows.append((name, METHODS[method], f"{value:.2f}", *texts))
+    for (name, columns), method in product(SETS.items(), "AC"):
+        confidence = pool.confidence(columns, method)
+        value = pool.scorer(confidence)
+        drawn = pool.retrained(columns, method, retrainings(draws))
+        anew = spread(value, drawn, bounds=SHARE)[1:]
+        rows.append((name, METHODS[method], value, pool.interval(confidence, draws), anew))
     return rows
-
-
-def _lane_row(result: LaneResult) -> Row:
-    """Return the row of a lane: its length, mines and alarms."""
-    kinds = result.truth["kind"].value_counts()
-    counts = [int(kinds.get(kind, 0)) for kind in ("metal", "plastic", "simulant")]
-    surface = (result.truth["depth"] < 0).sum()
-    alarms = len(result.alarms)
-    # Alarms are raised on the run-view, which is 6 m wide.
-    density = f"{alarms / 6 / result.length:.2f}"
-    return result.name, f"{result.length:.0f} m", *counts, surface, alarms, density
-
-
-def _digits(values: Any) -> list[str]:
-    """Return values with two decimals."""
-    return [f"{value:.2f}" for value in values]
-
-
-def _steps(order: Iterable[int], score: Iterable[float]) -> list[str]:
-    """Write the steps of a search as Table II does: the feature's number and the score with it."""
-    return [f"({feature}) {value:.2f}" for feature, value in zip(order, score, strict=True)]
-
-
-def _found_steps(search: Sequence[SearchStep]) -> list[str]:
-    """Return the steps of a search of ours as Table II writes them."""
-    return _steps([step.feature + 1 for step in search], [step.score for step in search])
