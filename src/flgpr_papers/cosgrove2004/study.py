@@ -104,8 +104,9 @@ def _figures(
         sand = lanes["sand"][0]
         drawn[f"figure-4-{name}"] = partial(figures.imaged_signatures, recipe, sand["cuts"])
         drawn[f"figure-6-{name}"] = partial(figures.eigenvector_figure, recipe, sand)
-        drawn[f"figure-7-{name}"] = partial(figures.roc_figure, recipe, lanes)
-        drawn[f"examples-{name}"] = partial(figures.examples_figure, recipe, lanes)
+        columns = len(recipe.soils)
+        drawn[f"figure-7-{name}"] = partial(figures.roc_figure, recipe, lanes, columns=columns)
+        drawn[f"examples-{name}"] = partial(figures.examples_figure, recipe, lanes, columns=columns)
         drawn[f"depth-{name}"] = partial(figures.depth_figure, recipe, lanes)
     return drawn
 
