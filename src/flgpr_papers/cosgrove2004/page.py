@@ -10,7 +10,6 @@ import pandas as pd
 
 from flgpr_papers.cosgrove2004.findings import (
     PAPER_PD,
-    SOILS,
     Case,
     contrast_table,
     eigenvalue_ratios_of,
@@ -118,9 +117,9 @@ def figure_rows(
 def ratio_rows(lanes: Sequence[Case]) -> Rows:
     """Tabulate the ratios of eigenvalues, mean over the seeds with the interval."""
     rows = []
-    for number, paper, ratio in eigenvalue_ratios_of(lanes):
-        ours = "{:.3f} ({:.3f} to {:.3f})".format(*ratio)
-        if np.isnan(ratio[0]):
+    for number, paper, (ratio, low, high) in eigenvalue_ratios_of(lanes):
+        ours = f"{ratio:.3f} ({low:.3f} to {high:.3f})"
+        if np.isnan(ratio):
             ours = "no example reaches it"
         rows.append((f"σ{number}/σ1", f"{paper:g}", ours))
     return rows
@@ -128,11 +127,10 @@ def ratio_rows(lanes: Sequence[Case]) -> Rows:
 
 def _pd_rows(recipe: StudyRecipe, table: pd.DataFrame) -> Rows:
     """Tabulate Pd at the study's P_FA, mean over the seeds, by soil."""
-    names = {f"rank {recipe.detector.rank}": "deflection", "PWF": "PWF", "HH": "HH"}
+    names = {"deflection": recipe.main, "PWF": "PWF", "HH": "HH"}
     rows = []
-    for soil in (soil for soil in SOILS if soil in recipe.sites):
+    for soil, title in recipe.soils.items():
         means = table[table["site"] == soil].groupby("detector")["pd"].mean()
-        ours = ", ".join(f"{name} {means[detector]:.2f}" for detector, name in names.items())
-        title = f"{recipe.sites[soil].title}, Pd at {recipe.score.pfa:g} per m²"
-        rows.append((title, _PAPER_PD[soil], ours))
+        ours = ", ".join(f"{name} {means[detector]:.2f}" for name, detector in names.items())
+        rows.append((f"{title}, Pd at {recipe.score.pfa:g} per m²", _PAPER_PD[soil], ours))
     return rows

@@ -30,7 +30,7 @@ from flgpr_papers.cosgrove2004.detect import (
     score_looks,
     target_cut,
 )
-from flgpr_papers.cosgrove2004.findings import SOILS, Case, findings, pd_table
+from flgpr_papers.cosgrove2004.findings import Case, findings, pd_table
 from flgpr_papers.cosgrove2004.images import (
     SURROUNDINGS,
     Look,
@@ -42,7 +42,7 @@ from flgpr_papers.cosgrove2004.images import (
     wide_image,
 )
 from flgpr_papers.cosgrove2004.page import Cases, figure_rows, page_facts, page_tables
-from flgpr_papers.cosgrove2004.recipe import StudyRecipe, study_recipe
+from flgpr_papers.cosgrove2004.recipe import SOILS, StudyRecipe, study_recipe
 from flgpr_papers.cosgrove2004.signature import look_measures, signature_humps, visible_mines
 from flgpr_papers.cosgrove2004.sweeps import (
     example_detectors,
@@ -169,7 +169,7 @@ def run_seed(
                     recipe, site, seed, training, examples[surroundings]
                 )
             if models is not None:
-                detector = chip_detectors[f"rank {recipe.detector.rank}"]
+                detector = chip_detectors[recipe.main]
                 learnt = learnt_of(detector.forms, training.clutter)
                 model = Model(stages={"map.deflection": learnt})
                 save_model(model, models / f"{site}-{surroundings}", detector.notes)
