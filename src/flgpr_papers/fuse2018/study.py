@@ -79,12 +79,18 @@ def _figures(measured: Measured) -> dict[str, Callable[[], Figure]]:
             drawn[f"figure-{number}"] = partial(figures.mask_figure, shown, band, title)
     return drawn | {
         "figure-6": partial(figures.masks_figure, shown, figures.MIXED),
-        "figure-7": partial(figures.images_figure, shown, figures.STAGES, (8.6, 5.2), 2),
+        "figure-7": partial(
+            figures.averages_figure, shown, **figures.columns_of(shown, figures.STAGES, 2)
+        ),
         "figure-8": partial(figures.power_figure, lanes, shown, recipe),
-        "figure-9": partial(figures.roc_figure, lanes, recipe),
-        "variants": partial(figures.images_figure, shown, figures.CLEANED, (9.5, 8.6), 3),
+        "figure-9": partial(figures.roc_figure, lanes, recipe, columns=len(lanes)),
+        "variants": partial(
+            figures.cleaned_figure, shown, **figures.columns_of(shown, figures.CLEANED, 3)
+        ),
         "regions": partial(figures.masks_figure, shown, figures.READINGS),
-        "variants-roc": partial(figures.variants_roc_figure, lanes, recipe),
+        "variants-roc": partial(
+            figures.variants_roc_figure, lanes, recipe, rows=2, columns=len(lanes)
+        ),
         "poses": partial(figures.pose_figure, measured.poses, lanes, measured.loose),
         "fullwave": partial(figures.fullwave_figure, measured.fullwave),
     }

@@ -118,10 +118,10 @@ def drawings(measured: Measured) -> dict[str, Callable[[], Figure]]:
         partial(figures.run_view_figure, first_lane, True),
         partial(figures.clean_bands_figure, examples),
         partial(figures.prescreener_figure, tables.channels, tables.first_run),
-        partial(figures.patch_figure, examples),
+        partial(figures.patch_figure, examples, **figures.patch_widths(examples)),
         partial(figures.region_figure, measured.recipe),
         partial(figures.normalisation_figure, measured.calibration),
-        partial(figures.classifier_figure, {"calibration": best}, buried),
+        partial(figures.best_figure, best, buried, "calibration"),
         final_curves,
     ]
     return {f"figure-{number}": draw for number, draw in enumerate(drawn, start=1)}
