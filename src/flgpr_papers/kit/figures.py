@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from flgpr.scoring import random_pd
 from flgpr_papers.kit.settings import packaged_text
 
-_OPTIONS = {"rows", "columns", "width_ratios"}
+_OPTIONS = {"size", "rows", "columns", "width_ratios"}
 
 
 class Figures:
@@ -24,8 +24,8 @@ class Figures:
 
     It decorates the function that draws on the panels. What comes of it takes the same arguments
     but the panels, and returns the figure. Its declaration, by the name of the function, has the
-    ``size`` (inches) and the options of ``subplots``, of which a call may give ``rows``,
-    ``columns`` and ``width_ratios``. ``every``, ``left``, ``bottom`` and the list ``axes`` say what all panels, those at an
+    ``size`` (inches) and the options of ``subplots``; a call may give ``size``, ``rows``,
+    ``columns`` and ``width_ratios`` itself. ``every``, ``left``, ``bottom`` and the list ``axes`` say what all panels, those at an
     edge, and each by itself are given once they are drawn: the properties of ``Axes.set``, where a
     limit left out stays free, and the options of a ``legend`` and a ``grid``.
 
@@ -45,8 +45,8 @@ class Figures:
         def make(*args: Any, **options: Any) -> Figure:
             declared = dict(self.declared[draw.__name__])
             given = {name: declared.pop(name, {}) for name in ("every", "left", "bottom", "axes")}
-            width, height = declared.pop("size")
             declared |= {name: options.pop(name) for name in _OPTIONS & options.keys()}
+            width, height = declared.pop("size")
             shape = [declared.pop(name, 1) for name in ("rows", "columns")]
             figure, panels = subplots(width, height, *shape, **declared)
             draw(panels, *args, **options)
