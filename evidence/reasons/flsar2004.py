@@ -34,9 +34,17 @@ from flgpr_papers.flsar2004.examples import (
     signatures,
 )
 from flgpr_papers.flsar2004.findings import (
+    SHALLOW,
+    SURFACE,
+    Examples,
+    Material,
     Measure,
+    open_area,
+    pick_examples,
+    prepare,
     ratio_interval,
     spread_of_folds,
+    thin_examples,
 )
 from flgpr_papers.flsar2004.lanes import Settings, drive, load_settings
 from flgpr_papers.flsar2004.machines import (
@@ -48,16 +56,6 @@ from flgpr_papers.flsar2004.machines import (
     one_class,
     rvm,
     svm,
-)
-from flgpr_papers.flsar2004.material import (
-    SHALLOW,
-    SURFACE,
-    Examples,
-    Material,
-    open_area,
-    pick_examples,
-    prepare,
-    thin_examples,
 )
 from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.intervals import SHARE, Bounds, Interval, clip, proportion

@@ -18,7 +18,9 @@ from flgpr_papers.cosgrove2004.detect import (
     detectors,
     eigenvalue_ratios,
     eigenvectors,
+    example_detectors,
     learn,
+    one_polarization,
     score_looks,
 )
 from flgpr_papers.cosgrove2004.images import (
@@ -31,7 +33,6 @@ from flgpr_papers.cosgrove2004.images import (
 from flgpr_papers.cosgrove2004.signature import (
     look_measures,
 )
-from flgpr_papers.cosgrove2004.sweeps import example_detectors, one_polarization
 from flgpr_papers.kit import study
 from flgpr_papers.kit.findings import NO_VERDICT
 from flgpr_papers.kit.scenes import changed

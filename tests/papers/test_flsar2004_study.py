@@ -17,8 +17,8 @@ from flgpr_papers.flsar2004 import examples as ex
 from flgpr_papers.flsar2004 import figures
 from flgpr_papers.flsar2004 import machines as ma
 from flgpr_papers.flsar2004 import study as flsar2004
+from flgpr_papers.flsar2004.findings import Results
 from flgpr_papers.flsar2004.lanes import Mines, Pass, _scene, load_settings
-from flgpr_papers.flsar2004.material import Results
 from flgpr_papers.kit.findings import AGREES, DISAGREES, NO_VERDICT, OPEN, UNDECIDED, read_findings
 from flgpr_papers.kit.intervals import difference_of_shares
 from flgpr_papers.kit.scenes import turned

@@ -75,9 +75,7 @@ def simulated_signature(
 
 
 @_figure
-def imaged_signatures(
-    axes: Axes, recipe: StudyRecipe, cuts: Sequence[Mapping[str, Any]]
-) -> None:
+def imaged_signatures(axes: Axes, recipe: StudyRecipe, cuts: Sequence[Mapping[str, Any]]) -> None:
     """Show range cuts through three imaged mines, HH and VV back to back (Fig. 4)."""
     for cut, style in zip(cuts, ("-", "--", ":"), strict=False):
         label = f"{100 * cut['depth']:.0f} cm deep"
@@ -91,7 +89,8 @@ def feature_vector(panels: Panels, recipe: StudyRecipe, image: xr.DataArray) -> 
     *pair, vector = panels
     length = recipe.cut.length
     first, last = np.searchsorted(image["y"].values, (14.2, 16.2))
-    stretch = np.abs(image.isel(y=slice(first, last)))
+    stretch = image.isel(y=slice(first, last))
+    stretch = stretch.copy(data=np.abs(stretch.values))
     power = uniform_filter1d((stretch.values**2).sum(axis=0), length, axis=0)
     inner = power[length:-length, 30:-30]
     row, column = (int(k) for k in np.unravel_index(int(np.argmax(inner)), inner.shape))
@@ -128,9 +127,7 @@ def eigenvector_figure(panels: Panels, recipe: StudyRecipe, case: Case) -> None:
 
 
 @_figure
-def roc_figure(
-    panels: Panels, recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]
-) -> None:
+def roc_figure(panels: Panels, recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> None:
     """Draw the ROC of deflection, PWF and HH on every soil (Fig. 7).
 
     The first seed's curve is drawn over the spread of all seeds.
@@ -221,7 +218,7 @@ def _stacked(axes: Axes, recipe: StudyRecipe) -> None:
     """Label the polarizations of a feature vector and separate them."""
     length = recipe.cut.length
     axes.axvline(length - 0.5, color="#999", lw=0.8)
-    style = {"ha": "center", "va": "bottom", "color": "#666", "fontsize": 8}
+    style: dict[str, Any] = {"ha": "center", "va": "bottom", "color": "#666", "fontsize": 8}
     for k, name in enumerate(recipe.cut.polarizations):
         axes.text((k + 0.5) * length, 1.01, name, transform=axes.get_xaxis_transform(), **style)
     axes.set(xlim=(0, length * len(recipe.cut.polarizations) - 1))

@@ -13,8 +13,8 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from flgpr.scoring import operating_row, pd_at, pd_mean, peak_roc
+from flgpr_papers.cosgrove2004.detect import FORMS, alone, example_name
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
-from flgpr_papers.cosgrove2004.sweeps import FORMS, alone, example_name
 from flgpr_papers.kit.findings import UNDECIDED, WORTH, Finding, in_words, shows
 from flgpr_papers.kit.intervals import (
     SHARE,
@@ -164,7 +164,9 @@ def pd_table(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> pd.Dat
                     "detector": name,
                     "pd": pd_at(curve, pfa),
                     "pd_quantile": pd_at(curve_of(quantile=True), pfa),
-                    "pd_rockless": math.nan if has_no_rockless else pd_at(curve_of(rocks=False), pfa),
+                    "pd_rockless": math.nan
+                    if has_no_rockless
+                    else pd_at(curve_of(rocks=False), pfa),
                     "pd_mean": pd_mean(curve, 0.1),
                 }
                 rows.append(row)
@@ -261,7 +263,7 @@ def _detector_statements(recipe: StudyRecipe, looks: Looks) -> list[Finding]:
         if (soil, FORMS[1]) in looks.found:
             statements.append(against("few-examples", soil, ours, FORMS[1]))
     best = max(titles, key=lambda soil: looks.pd(soil, ours)[0])
-    papers = {"stated": PAPER_PD, "looks": PAPER_LOOKS, "soil": titles[best]}
+    papers: dict[str, Any] = {"stated": PAPER_PD, "looks": PAPER_LOOKS, "soil": titles[best]}
     # The paper's Pd is a share of its own number of looks.
     figure = proportion(PAPER_PD * PAPER_LOOKS, PAPER_LOOKS)
     pds = looks.pd(best, ours), looks.seeds(best, ours)
@@ -320,10 +322,10 @@ def _sweep_statements(
             gaps = {}
             remarks = set()
             for number in recipe.sweeps.numbers:
-                pair = [example_name(form, rank, number) for form in FORMS]
-                if (soil, pair[0]) in looks.found:
-                    gaps[str(number)] = looks.gap(soil, *pair)
-                    remarks.add(looks.room(soil, *pair))
+                first, second = [example_name(form, rank, number) for form in FORMS]
+                if (soil, first) in looks.found:
+                    gaps[str(number)] = looks.gap(soil, first, second)
+                    remarks.add(looks.room(soil, first, second))
             if gaps:
                 words = {**_words(recipe), "soil": title, "rank": rank}
                 finding = _STATEMENTS.by_every("number-of-examples", gaps, **words)
@@ -420,6 +422,7 @@ def _premise_statements(recipe: StudyRecipe, sand: Sequence[Case]) -> list[Findi
         table = np.array(looks, dtype=np.float64)
         return _judge(recipe, name, share_of_looks(table), table.mean(axis=1), **fields)
 
+    words: dict[str, Any]
     statements = []
     for name in recipe.cut.polarizations:
         # The signatures are the same for every seed: their mines are the sample.

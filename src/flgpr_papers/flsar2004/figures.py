@@ -189,9 +189,7 @@ def margin_figure(axes: Axes) -> None:
 
 
 @_figure
-def roc_figure(
-    panels: Panels, curves: Curves, names: Sequence[str], notes: dict[str, Any]
-) -> None:
+def roc_figure(panels: Panels, curves: Curves, names: Sequence[str], notes: dict[str, Any]) -> None:
     """Draw ROC curves by name, a panel each."""
     for axes, name in zip(panels.ravel(), names, strict=True):
         of_figure = curves.get(name, {})

@@ -13,12 +13,11 @@ from matplotlib.patches import Circle, Rectangle
 from numpy.typing import NDArray
 
 from flgpr.clutter import TABLE_II
-from flgpr_papers.fuse2018.findings import PAPER_DB
+from flgpr_papers.fuse2018.findings import PAPER_DB, power_db, strongest_boxes
 from flgpr_papers.fuse2018.fullwave import FullwaveStudy
 from flgpr_papers.fuse2018.lanes import FuseRecipe, band_sensor
 from flgpr_papers.fuse2018.matches import CONVENTIONS, scored
 from flgpr_papers.fuse2018.poses import PoseStudy
-from flgpr_papers.fuse2018.powers import power_db, strongest_boxes
 from flgpr_papers.fuse2018.process import LaneResult
 from flgpr_papers.fuse2018.suppression import VARIANTS
 from flgpr_papers.kit.figures import Figures, chance_line, colour_bar, decibels, show, steps

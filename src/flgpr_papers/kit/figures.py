@@ -25,9 +25,10 @@ class Figures:
     It decorates the function that draws on the panels. What comes of it takes the same arguments
     but the panels, and returns the figure. Its declaration, by the name of the function, has the
     ``size`` (inches) and the options of ``subplots``; a call may give ``size``, ``rows``,
-    ``columns`` and ``width_ratios`` itself. ``every``, ``left``, ``bottom`` and the list ``axes`` say what all panels, those at an
-    edge, and each by itself are given once they are drawn: the properties of ``Axes.set``, where a
-    limit left out stays free, and the options of a ``legend`` and a ``grid``.
+    ``columns`` and ``width_ratios`` itself. ``every``, ``left``, ``bottom`` and the list ``axes``
+    say what all panels, those at an edge, and each by itself are given once they are drawn: the
+    properties of ``Axes.set``, where a limit left out stays free, and the options of a ``legend``
+    and a ``grid``.
 
     Parameters
     ----------
@@ -50,7 +51,7 @@ class Figures:
             shape = [declared.pop(name, 1) for name in ("rows", "columns")]
             figure, panels = subplots(width, height, *shape, **declared)
             draw(panels, *args, **options)
-            grid = np.reshape(panels, shape)
+            grid: Any = np.reshape(panels, shape)
             for row, column in np.ndindex(*shape):
                 _dress(grid[row, column], given["every"])
                 _dress(grid[row, column], given["left"] if column == 0 else {})
@@ -108,7 +109,7 @@ def colour_bar(panels: Any, shown: Any, label: str, **options: Any) -> Any:
     return every[0].figure.colorbar(shown, ax=every, label=label, **options)
 
 
-def steps(axes: Axes, curve: pd.DataFrame, label: str, **style: Any) -> None:
+def steps(axes: Axes, curve: pd.DataFrame | dict[Any, Any], label: str, **style: Any) -> None:
     """Draw a ROC as steps."""
     axes.step(curve["far"], curve["pd"], where="post", label=label, **style)
 

@@ -5,17 +5,29 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import matplotlib as mpl
+import scipy.linalg  # noqa: F401  # loads the BLAS of SciPy, which can be limited only once loaded
 from matplotlib.figure import Figure
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from flgpr.progress import Track, silent
 from flgpr.store import write_whole
 from flgpr_papers.kit.findings import Finding, by_chance, write_findings
 from flgpr_papers.kit.page import Rows, draw, study_html, twins
 from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
-from flgpr_papers.kit.threads import one_blas_thread
+
+Run = TypeVar("Run", bound=Callable[..., Any])
+
+
+def one_blas_thread(run: Run) -> Run:
+    """Return a function that runs with one thread of the linear algebra.
+
+    The matrices of the studies are small, so that several threads mostly wait for each other. When
+    other work runs on the same two cores, flsar2004 takes four times as long with two threads.
+    """
+    return cast("Run", threadpool_limits.wrap(limits=1, user_api="blas")(run))
 
 
 @dataclass(frozen=True)

@@ -83,7 +83,7 @@ def _channels(
     name: str,
     kind: str,
     channels: Sequence[tuple[str, str]],
-    *limits: tuple[float, float],
+    *limits: Any,
 ) -> None:
     """Draw an example's images of several channels within limits, a panel each."""
     for axis, channel in zip(panels, channels, strict=True):
@@ -123,9 +123,7 @@ def background_figure(panels: Panels, examples: Examples) -> None:
 
 
 @_figure
-def run_view_figure(
-    panels: Panels, result: LaneResult, alarms: bool, length: float = 60.0
-) -> None:
+def run_view_figure(panels: Panels, result: LaneResult, alarms: bool, length: float = 60.0) -> None:
     """Draw Fig. 6 or 7: 60 m of a calibration lane in pieces of 15 m, with targets or alarms.
 
     Parameters
@@ -312,7 +310,7 @@ def _scan(
     axis: Axes,
     image: NDArray[Any],
     examples: Examples,
-    position: NDArray[np.float64],
+    position: Any,
     title: str,
     x: tuple[float, float] | None = None,
     y: tuple[float, float] | None = None,
