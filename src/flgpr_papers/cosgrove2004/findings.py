@@ -337,8 +337,8 @@ def _sweep_statements(
                     else f"{number}: {mean[0]:z.2f} in every seed"
                     for number, mean in means.items()
                 )
-                first = next(iter(means.values()))
-                by_mean = _STATEMENTS.number("mean-by-examples", first, **words)
+                fewest = next(iter(means.values()))
+                by_mean = _STATEMENTS.number("mean-by-examples", fewest, **words)
                 statements += [replace(finding, note=note), replace(by_mean, ours=ours)]
         for name, (best, others) in rivals.items():
             gaps = {
