@@ -36,7 +36,6 @@ from flgpr_papers.cosgrove2004.detect import (
     target_cut,
 )
 from flgpr_papers.cosgrove2004.findings import (
-    PAPER_PD,
     Case,
     contrast_table,
     eigenvalue_ratios_of,
@@ -59,23 +58,25 @@ from flgpr_papers.cosgrove2004.signature import look_measures, signature_humps, 
 from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.findings import Finding, by_chance
 from flgpr_papers.kit.intervals import SHARE, Interval, students
-from flgpr_papers.kit.page import Rows
 from flgpr_papers.kit.study import Outcome, Study
 
 Cases = Mapping[str, Mapping[str, Sequence[Case]]]
 """Cases of every seed by surroundings and site."""
 BESIDE = {"open": "open lanes", "roadside": "beside bushes and posts"}
 """What stands beside a lane, in words."""
-_PAPER_PD = {
-    "sand": f"best, {PAPER_PD:g} by deflection in the best soil; PWF and HH below",
-    "gravel": "PWF and HH below deflection",
-    "clay": "worst; PWF and HH below deflection",
-}
-_PAPER_RESOLUTION = {"down-range": "about 10 cm", "cross-range": "about 40 cm"}
 
 
-def page_facts(recipe: StudyRecipe) -> dict[str, Any]:
-    """Return what the captions and their numbers take."""
+def page_facts(
+    recipe: StudyRecipe,
+    cases: Cases,
+    tables: Mapping[str, pd.DataFrame],
+    responses: Mapping[str, PointResponse],
+) -> dict[str, Any]:
+    """Return what the captions and their numbers take.
+
+    The parameters are those of :func:`page_tables`, and the image of a point with and without the
+    ramp filter.
+    """
     sensor = study_sensor(recipe)
     tx, _ = sensor.pairs()
     tones = sensor.tones.axis()
@@ -89,6 +90,12 @@ def page_facts(recipe: StudyRecipe) -> dict[str, Any]:
         "tones": (tones[0] / 1e9, tones[-1] / 1e9),
         "samples": ", then ".join(f"{length} of {name}" for name in polarizations),
         "features": length * len(polarizations),
+        "ratios": {name: _ratio_texts(lanes["sand"]) for name, lanes in cases.items()},
+        "pds": {name: _pd_texts(recipe, table) for name, table in tables.items()},
+        "resolution": {
+            name: [100 * width for width in response.resolution]
+            for name, response in responses.items()
+        },
     }
 
 
@@ -133,49 +140,24 @@ def _detector_table(table: pd.DataFrame) -> dict[str, dict[str, list[Interval]]]
     return detectors
 
 
-def figure_rows(
-    recipe: StudyRecipe,
-    cases: Cases,
-    tables: Mapping[str, pd.DataFrame],
-    responses: Mapping[str, PointResponse],
-) -> dict[str, Rows]:
-    """Return numbers of the paper beside ours by the name of the figure.
-
-    The parameters are those of :func:`page_tables`, and the image of a point with and without the
-    ramp filter.
-    """
-    rows: dict[str, Rows] = {}
-    for surroundings in BESIDE:
-        rows[f"figure-6-{surroundings}"] = ratio_rows(cases[surroundings]["sand"])
-        rows[f"figure-7-{surroundings}"] = _pd_rows(recipe, tables[surroundings])
-    resolution = []
-    for axis, (name, paper) in enumerate(_PAPER_RESOLUTION.items()):
-        for filtered, response in responses.items():
-            width = f"{100 * response.resolution[axis]:.1f} cm"
-            resolution.append((f"{name}, {filtered}", paper, width))
-    return rows | {"resolution": resolution}
+def _ratio_texts(lanes: Sequence[Case]) -> dict[int, str]:
+    """Return the ratios of eigenvalues to the first, mean over the seeds with the interval."""
+    return {
+        number: "no example reaches it"
+        if np.isnan(ratio)
+        else f"{ratio:.3f} ({low:.3f} to {high:.3f})"
+        for number, _, (ratio, low, high) in eigenvalue_ratios_of(lanes)
+    }
 
 
-def ratio_rows(lanes: Sequence[Case]) -> Rows:
-    """Tabulate the ratios of eigenvalues, mean over the seeds with the interval."""
-    rows = []
-    for number, paper, (ratio, low, high) in eigenvalue_ratios_of(lanes):
-        ours = f"{ratio:.3f} ({low:.3f} to {high:.3f})"
-        if np.isnan(ratio):
-            ours = "no example reaches it"
-        rows.append((f"σ{number}/σ1", f"{paper:g}", ours))
-    return rows
-
-
-def _pd_rows(recipe: StudyRecipe, table: pd.DataFrame) -> Rows:
-    """Tabulate Pd at the study's P_FA, mean over the seeds, by soil."""
+def _pd_texts(recipe: StudyRecipe, table: pd.DataFrame) -> dict[str, str]:
+    """Return Pd at the study's P_FA, mean over the seeds, by soil."""
     names = {"deflection": recipe.main, "PWF": "PWF", "HH": "HH"}
-    rows = []
-    for soil, title in recipe.soils.items():
+    texts = dict.fromkeys(SOILS, "not run")
+    for soil in recipe.soils:
         means = table[table["site"] == soil].groupby("detector")["pd"].mean()
-        ours = ", ".join(f"{name} {means[detector]:.2f}" for name, detector in names.items())
-        rows.append((f"{title}, Pd at {recipe.score.pfa:g} per m²", _PAPER_PD[soil], ours))
-    return rows
+        texts[soil] = ", ".join(f"{name} {means[detector]:.2f}" for name, detector in names.items())
+    return texts
 
 
 ComplexArray = NDArray[np.complex128]
@@ -205,8 +187,7 @@ def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
     return Outcome(
         findings=found,
         figures=_figures(recipe, cases, responses),
-        facts=page_facts(recipe),
-        rows=figure_rows(recipe, cases, tables, responses),
+        facts=page_facts(recipe, cases, tables, responses),
         tables=page_tables(recipe, cases, tables, found),
         files={"pd.csv": pds.to_csv(index=False)},
         notes={"seeds": len(seeds), "resolution_m": resolution},

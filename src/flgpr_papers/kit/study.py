@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 from flgpr.progress import Track, silent
 from flgpr.store import write_whole
 from flgpr_papers.kit.findings import Finding, by_chance, write_findings
-from flgpr_papers.kit.page import Rows, draw, study_html, twins
+from flgpr_papers.kit.page import draw, study_html, twins
 from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
 
 Run = TypeVar("Run", bound=Callable[..., Any])
@@ -39,7 +39,6 @@ class Outcome:
     figures: Mapping[str, Callable[[], Figure]]
     facts: Mapping[str, Any]  #: what the captions and their numbers take, by name
     tables: Mapping[str, Any]  #: what the template of the page takes
-    rows: Mapping[str, Rows] = field(default_factory=dict)  #: more numbers of a figure, by its name
     files: Mapping[str, str] = field(default_factory=dict)  #: other texts, by the name of the file
     notes: Mapping[str, Any] = field(default_factory=dict)  #: what else ``findings.json`` holds
 
@@ -96,17 +95,15 @@ class Study:
             for name in track(outcome.figures, "drawing the page", len(outcome.figures)):
                 pictures[name] = draw(outcome.figures[name](), quick, self.dpi[quick])
                 write_whole(folder / f"{name}.png", pictures[name])
-        papers_twins, own_twins = twins(
-            self.name, pictures, outcome.findings, outcome.facts, outcome.rows
-        )
+        shown = twins(self.name, pictures, outcome.findings, outcome.facts)
         values = {
             "quick": quick,
             "study_world": study_world(self.name, world),
             "other": other_world(folder, self.page, world, quick),
             "found": outcome.findings,
             "chance": by_chance(outcome.findings),
-            "twins": papers_twins,
-            "others": own_twins,
+            "twins": [twin for twin in shown if twin.number],
+            "others": [twin for twin in shown if not twin.number],
         }
         write_whole(folder / self.page, study_html(f"{self.name}.html", **values, **outcome.tables))
         return folder / self.page
