@@ -6,7 +6,6 @@ The statements and their rules are declared in ``statements.toml``.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -44,8 +43,8 @@ from flgpr_papers.wang2007.analysis import (
     Pool,
     all_forty,
     clutter_levels,
-    matched,
     prescreened,
+    ranked,
     table_one,
     table_two,
 )
@@ -320,11 +319,7 @@ def blind_scores(
     scores = {}
     for name, columns in sets.items():
         classifier = train(make_training_set(training_lanes, columns=columns), columns)
-        tables = []
-        for result in blind:
-            table = result.alarms.assign(confidence=classifier.confidence(result.features))
-            tables.append(table.dropna(subset=["confidence"]))
-        scores[name] = matched(blind, tables)
+        scores[name] = ranked(blind, [classifier.confidence(one.features) for one in blind])
     return scores
 
 
@@ -332,36 +327,32 @@ def _prescreener_findings(
     channels: Channels, views: Mapping[str, Match], levels: pd.DataFrame, draws: int
 ) -> list[Finding]:
     """Judge what the paper says of the prescreener's channel (Sec. II-C, Fig. 8 and 9)."""
-    best = channels["HH", "F1"]
-    subbands = {
-        f"F1 - {band}": pd_mean_gap(best, channels["HH", band], draws, 3) for band in SUBBANDS[1:]
-    }
-    polarizations = {
-        f"HH - {name}": pd_mean_gap(best, channels[name, "F1"], draws, 2) for name in ("VV", "HV")
-    }
+    matches = {" ".join(channel): match for channel, match in channels.items()} | dict(views)
+
+    def compared(name: str, **words: str) -> dict[str, Interval]:
+        """Return PD_mean of every declared pair of run-views, the first less the second."""
+        pairs = _STATEMENTS.declared[name]["pairs"]
+        return {
+            title: pd_mean_gap(
+                *[matches[view.format(**words)] for view in views], draws, len(pairs)
+            )
+            for title, *views in pairs
+        }
+
     clutter = {}
     for name in ("VV", "HH"):
         for band in ("F0", *SUBBANDS[1:]):
             gap = levels[f"{name} {band}"] - levels[f"{name} F1"]
             clutter[f"{name} {band} - F1"] = students(gap, together(8))
-    orders = []
-    for name in POLARIZATIONS:
-        steps = {
-            f"{a} - {b}": pd_mean_gap(channels[name, a], channels[name, b], draws, 3)
-            for a, b in pairwise(SUBBANDS)
-        }
-        orders.append(_STATEMENTS.larger("order", steps, polarization=name))
-    wide = pd_mean_gap(best, channels["HH", "F0"], draws)
-    far, largest, mean = (pd_mean_gap(best, view, draws) for view in views.values())
+    found = beside_papers_pd(matches["HH F1"], MINES, 0.15, 1.0, _PAPER_MINES)
+    words = [{"polarization": name} for name in POLARIZATIONS]
+    (mean,) = compared("mean-look").values()
     return [
-        _STATEMENTS.larger("subband", subbands),
-        _STATEMENTS.larger("polarization", polarizations),
+        *[_STATEMENTS.larger(name, compared(name)) for name in ("subband", "polarization")],
         _STATEMENTS.larger("clutter", clutter),
-        *orders,
-        _STATEMENTS.number("all-found", **beside_papers_pd(best, MINES, 0.15, 1.0, _PAPER_MINES)),
-        _STATEMENTS.larger("narrow", {"F1 - F0": wide}),
-        _STATEMENTS.larger("range", {"16 m - 26 m": far}),
-        _STATEMENTS.larger("second-largest", {"second largest - largest": largest}),
+        *[_STATEMENTS.larger("order", compared("order", **one), **one) for one in words],
+        _STATEMENTS.number("all-found", **found),
+        *[_STATEMENTS.larger(n, compared(n)) for n in ("narrow", "range", "second-largest")],
         _STATEMENTS.number("mean-look", mean),
     ]
 
