@@ -66,10 +66,11 @@ def looks(recipe):
 
 def test_what_stands_beside_the_lane_brings_no_ground_of_its_own(recipe):
     """Echoes are added: with nothing beside the lane the two worlds must be one, soil and holes counted once."""
-    scene = lane_scene(recipe, recipe.sites["sand"], 3000, 0.1)[0]
-    images = _direction(recipe, changed(scene, clutter={"bushes": 0.0, "posts": 0.0}), 3000, False)
-    for (beside, *_), (alone, *_) in zip(images["roadside"], images["open"], strict=True):
-        np.testing.assert_array_equal(beside.values, alone.values)
+    scene, trains, depths = lane_scene(recipe, recipe.sites["sand"], 3000, 0.1)
+    bare = changed(scene, clutter={"bushes": 0.0, "posts": 0.0})
+    looks = _direction(recipe, bare, 3000, False, list(zip(depths, trains, strict=True)))
+    for beside, alone in zip(looks["roadside"], looks["open"], strict=True):
+        np.testing.assert_array_equal(beside.image.values, alone.image.values)
 
 
 def test_ramp_on_calibrated_data_leaves_amplitudes_that_grow_with_frequency(recipe):

@@ -241,12 +241,21 @@ def detectors(
     length = recipe.cut.length
     whitener = training.whitener
     rank = recipe.detector.rank
-    chip_detectors = _pixel_detectors(recipe, training)
+    polarizations = recipe.cut.polarizations
+    chip_detectors = {}
+    for k, name in enumerate(polarizations):
+        form = magnitude_form(len(polarizations), k)
+        chip_detectors[name] = chip_detector(recipe, [form], None, 1)
+    pwf = PolarimetricWhiteningFilter().fit(training.pixels)
+    chip_detectors["PWF"] = chip_detector(recipe, pwf.forms_, None, 1)
     if signatures is not None:
         mean, covariance = sample_moments(calibrated(training, signatures))
         form = deflection_form(mean, covariance, rank=rank)
         chip_detectors["trained on simulation"] = chip_detector(recipe, [form], whitener, length)
-    unshrunk = DeflectionDetector(rank, recipe.detector.ddof).fit(_rewhitened(training))
+    # The target cuts, whitened by sample moments instead.
+    back = np.linalg.solve(whitener.matrix_, training.white.T).T + whitener.mean_
+    rewhitened = np.asarray(training.unshrunk.transform(back))
+    unshrunk = DeflectionDetector(rank, recipe.detector.ddof).fit(rewhitened)
     chip_detectors["unshrunk clutter"] = chip_detector(
         recipe, unshrunk.forms_, training.unshrunk, length, detector=repr(unshrunk)
     )
@@ -255,18 +264,6 @@ def detectors(
             recipe, detector.forms_, whitener, length, detector=repr(detector)
         )
     return chip_detectors
-
-
-def _pixel_detectors(recipe: StudyRecipe, training: Training) -> dict[str, ChipDetector]:
-    """Return the detectors of single pixels: the polarizations, and their whitening filter."""
-    polarizations = recipe.cut.polarizations
-    pixel_detectors = {}
-    for k, name in enumerate(polarizations):
-        form = magnitude_form(len(polarizations), k)
-        pixel_detectors[name] = chip_detector(recipe, [form], None, 1)
-    pwf = PolarimetricWhiteningFilter().fit(training.pixels)
-    pixel_detectors["PWF"] = chip_detector(recipe, pwf.forms_, None, 1)
-    return pixel_detectors
 
 
 def _cut_detectors(
@@ -289,12 +286,6 @@ def _cut_detectors(
     if sand_cuts is not None:
         trained["trained on sand"] = DeflectionDetector(rank, ddof).fit(sand_cuts)
     return trained
-
-
-def _rewhitened(training: Training) -> ComplexArray:
-    """Return the target cuts whitened by sample moments instead."""
-    back = np.linalg.solve(training.whitener.matrix_, training.white.T).T + training.whitener.mean_
-    return np.asarray(training.unshrunk.transform(back))
 
 
 def calibrated(training: Training, signatures: ComplexArray) -> ComplexArray:
@@ -346,15 +337,17 @@ def score_looks(
         has_rock = (distance <= score.box / 2 + score.rock).any(axis=1)
         for name, detector in chip_detectors.items():
             value = detector.likelihood(stack)
-            target, target_quantile = box_values(value, x, y, mine_box, score.box, score.quantile)
-            clutter, clutter_quantile = box_values(
-                value, x, y, clutter_boxes, score.box, score.quantile
-            )
             scores = peaks[name]
-            scores.target += target.tolist()
-            scores.target_quantile += target_quantile.tolist()
-            scores.clutter += clutter.tolist()
-            scores.clutter_quantile += clutter_quantile.tolist()
+            for boxes, peak, high in (
+                (mine_box, scores.target, scores.target_quantile),
+                (clutter_boxes, scores.clutter, scores.clutter_quantile),
+            ):
+                for values, kept in zip(
+                    box_values(value, x, y, boxes, score.box, score.quantile),
+                    (peak, high),
+                    strict=True,
+                ):
+                    kept += values.tolist()
             scores.depth.append(look.depth)
             scores.rock += has_rock.tolist()
     return peaks
@@ -388,8 +381,7 @@ def box_values(
     peak, quantile : (box,) ndarray
         NaN for a box without any other pixel than NaN.
     """
-    peak = np.full(len(centre), np.nan)
-    high = np.full(len(centre), np.nan)
+    peak, high = np.full((2, len(centre)), np.nan)
     for number, (px, py) in enumerate(centre):
         columns = slice(*np.searchsorted(x, [px - box / 2, px + box / 2]))
         rows = slice(*np.searchsorted(y, [py - box / 2, py + box / 2]))
@@ -432,8 +424,7 @@ def eigenvalue_ratios(
     examples = training.white if cuts is None else cuts
     detector = DeflectionDetector(ddof=recipe.detector.ddof).fit(examples)
     sigma = detector.eigenvalues_.copy()
-    reached = sigma.size - int(detector.n_unseen_)
-    sigma[reached:] = np.nan
+    sigma[sigma.size - int(detector.n_unseen_) :] = np.nan
     return np.asarray(sigma[:6] / sigma[0])
 
 
