@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -21,38 +22,14 @@ from flgpr.clutter import (
 from flgpr.stages.masks import Aperture, MaskedSuppression
 from flgpr.types import Arrays
 from flgpr_papers.fuse2018.lanes import Frames, trained
+from flgpr_papers.kit.settings import packaged_text
 
 BoolArray = NDArray[np.bool_]
 ComplexArray = NDArray[np.complex64]
 FloatArray = NDArray[np.float64]
-VARIANTS = {
-    "original": "original image",
-    "iteration": "iteration in each frame under one mask (Sec. 2.3)",
-    "as printed": "the same, averaged whatever came: without a fall-back to the best iteration",
-    "shared": "iteration, one reflectivity for all frames (another reading of Sec. 2.3)",
-    "whole response": "iteration, B made of the whole response (another reading of Eq. 7)",
-    "calibrated roadside": "iteration, the extended mask's threshold from the calibration lane",
-    "regions": "iteration, masks intersected by connected region (another reading of Sec. 2.4)",
-    "least squares": "least squares at equal cost, one reflectivity for all frames",
-    "least squares per frame": "least squares at equal cost, a reflectivity for every frame",
-    "least squares spared": (
-        "least squares, the road fitted too and not subtracted, as many iterations"
-    ),
-    "L band alone": "iteration, masks from VV and VH alone",
-}
+_DECLARED: dict[str, dict[str, Any]] = tomllib.loads(packaged_text("fuse2018", "variants"))
+VARIANTS: dict[str, str] = {name: one["title"] for name, one in _DECLARED.items()}
 """Variants of the suppression that are compared, and how they are called in full."""
-_FORMS: dict[str, dict[str, str]] = {
-    "iteration": {},
-    "shared": {"method": "iteration"},
-    "whole response": {"amplitude": "whole"},
-    "calibrated roadside": {"low_threshold": "calibration"},
-    "regions": {"intersect": "region"},
-    "least squares": {"method": "least-squares"},
-    "least squares spared": {"method": "least-squares-spared"},
-}
-"""Settings of the detection chain's stage that make a variant."""
-MASKS = {"regions": "region", "L band alone": "L", "calibrated roadside": "calibrated"}
-"""Masks of the variants, "pixel" of all others."""
 
 
 @dataclass(frozen=True)
@@ -96,8 +73,9 @@ def stage_forms(frames: Frames, calibration: Calibration) -> dict[str, MaskedSup
     Variants that the stage does not know are left out.
     """
     return {
-        name: trained(frames.stage, calibration.learnt, **changes)
-        for name, changes in _FORMS.items()
+        name: trained(frames.stage, calibration.learnt, **variant["settings"])
+        for name, variant in _DECLARED.items()
+        if "settings" in variant
     }
 
 
@@ -149,7 +127,7 @@ def clean(forms: dict[str, MaskedSuppression], index: int, variants: Sequence[st
                 "diverged": any(course.diverged for course in courses),
                 "fallen": falls_back and any(fallen_back(one, combination) for one in courses),
                 "residual": float(np.linalg.norm(cleaned) / np.linalg.norm(original)),
-                "masked": float(masks[MASKS.get(variant, "pixel")].mean()),
+                "masked": float(masks[_DECLARED[variant].get("mask", "pixel")].mean()),
                 "cpu": seconds,
             }
         )
@@ -169,7 +147,7 @@ def _suppressed(
     """
     stage = forms.get(variant, forms["iteration"])
     data = aperture.data[:, stage.setup.imaged]
-    mask = masks[MASKS.get(variant, "pixel")]
+    mask = masks[_DECLARED[variant].get("mask", "pixel")]
     if variant == "original":
         return data, []
     if variant == "as printed":

@@ -331,13 +331,12 @@ def _prescreener_findings(
 
     def compared(name: str, **words: str) -> dict[str, Interval]:
         """Return PD_mean of every declared pair of run-views, the first less the second."""
+        gaps = {}
         pairs = _STATEMENTS.declared[name]["pairs"]
-        return {
-            title: pd_mean_gap(
-                *[matches[view.format(**words)] for view in views], draws, len(pairs)
-            )
-            for title, *views in pairs
-        }
+        for title, *views in pairs:
+            first, second = [matches[view.format(**words)] for view in views]
+            gaps[title] = pd_mean_gap(first, second, draws, len(pairs))
+        return gaps
 
     clutter = {}
     for name in ("VV", "HH"):

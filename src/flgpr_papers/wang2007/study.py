@@ -475,8 +475,11 @@ def other_views(imaged: ImagedRun, track: Track) -> dict[str, NDArray[Any]]:
     polarizations = [str(label) for label in imaged.run["polarization"].values]
     p = polarizations.index(screen.polarization)
     b = list(table.subbands).index(screen.subband)
-    channel = (slice(p, p + 1), slice(b, b + 1))
-    background = _background_of(imaged.whole_background, channel)
+    channel = slice(p, p + 1), slice(b, b + 1)
+    whole = imaged.whole_background
+    of_channel = [whole.signature[channel], whole.gain[channel], whole.shared_signature[channel]]
+    arrays_of = map(np.ascontiguousarray, (*of_channel, whole.shared_gain[channel[1]]))
+    background = Background(*arrays_of)  # type: ignore[arg-type]
     band = {screen.subband: table.subbands[screen.subband]}
     # Whether a scan is complete depends on all polarizations: the scans are chosen before one
     # polarization is taken.
@@ -497,18 +500,6 @@ def other_views(imaged: ImagedRun, track: Track) -> dict[str, NDArray[Any]]:
     for name, of_view in sums.items():
         arrays[name], arrays[f"{name} looks"] = of_view.result()
     return arrays
-
-
-def _background_of(background: Background, channel: tuple[slice, slice]) -> Background:
-    """Return the background of one polarization and sub-band, in contiguous arrays."""
-    _, subband = channel
-    arrays = (
-        background.signature[channel],
-        background.gain[channel],
-        background.shared_signature[channel],
-        background.shared_gain[subband],
-    )
-    return Background(*(np.ascontiguousarray(array) for array in arrays))  # type: ignore[arg-type]
 
 
 def _is_done(result_folder: Path, store: Path, text: str) -> bool:
