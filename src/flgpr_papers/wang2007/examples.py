@@ -162,8 +162,8 @@ def _example(
 
 def _distances(alarms: pd.DataFrame, targets: pd.DataFrame) -> NDArray[np.float64]:
     """Return the distance (alarm, target) of every alarm from every target, m."""
-    across, along = [np.subtract.outer(alarms[axis], targets[axis]) for axis in ("x", "y")]
-    return np.asarray(np.hypot(across, along))
+    gap = alarms[["x", "y"]].to_numpy()[:, None] - targets[["x", "y"]].to_numpy()
+    return np.asarray(np.hypot(*gap.transpose(2, 0, 1)))
 
 
 def series_scans(
