@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,12 @@ from scipy.ndimage import uniform_filter1d
 
 from flgpr.scoring import pd_at
 from flgpr_papers.cosgrove2004.findings import Case, case_curve, example_means, found_looks
-from flgpr_papers.cosgrove2004.images import WIDE_MINES, PointResponse, study_sensor
+from flgpr_papers.cosgrove2004.images import (
+    WIDE_MINES,
+    PointResponse,
+    signature_cuts,
+    study_sensor,
+)
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
 from flgpr_papers.kit.figures import Figures, colour_bar, decibels, show
 
@@ -26,10 +32,27 @@ _ZOOMED = 0.9  # Pd; a panel whose curves all lie above it is enlarged
 _CURVES = {"deflection": "#1b1b1b", "PWF": "#1b5e9b", "HH": "#c1440e"}
 
 
+@dataclass(frozen=True)
+class Measured:
+    """What the study has measured, for its figures."""
+
+    recipe: StudyRecipe  #: the study
+    #: cases of every seed by surroundings and site
+    cases: Mapping[str, Mapping[str, Sequence[Case]]]
+    responses: Mapping[str, PointResponse]  #: to a point, with and without the ramp
+    image: xr.DataArray  #: of three mines in dry sand, first seed
+
+
+def _columns(measured: Measured, _: str) -> dict[str, Any]:
+    """Return a column of panels for every soil."""
+    return {"columns": len(measured.recipe.soils)}
+
+
 @_figure
-def geometry(panels: Panels, recipe: StudyRecipe) -> None:
+def geometry(panels: Panels, measured: Measured) -> None:
     """Draw the collection geometry in plan and from the side (Fig. 1)."""
     plan, side = panels
+    recipe = measured.recipe
     sensor = study_sensor(recipe)
     tx, _ = sensor.pairs()
     far = recipe.radar.range
@@ -52,8 +75,9 @@ def geometry(panels: Panels, recipe: StudyRecipe) -> None:
 
 
 @_figure
-def sample_image(axes: Axes, image: xr.DataArray) -> None:
+def sample_image(axes: Axes, measured: Measured) -> None:
     """Show the HH image of three mines (Fig. 2)."""
+    image = measured.image
     x = image["x"].values
     y = image["y"].values
     magnitude = np.abs(image.sel(polarization="HH").values).astype(np.float64)
@@ -66,28 +90,29 @@ def sample_image(axes: Axes, image: xr.DataArray) -> None:
 
 
 @_figure
-def simulated_signature(
-    axes: Axes, offset: NDArray[np.float64], cuts: NDArray[np.complex64]
-) -> None:
+def simulated_signature(axes: Axes, measured: Measured) -> None:
     """Show range cuts through a mine without clutter (Fig. 3)."""
+    offset, cuts = signature_cuts(measured.recipe)
     for (name, (colour, dash)), cut in zip(_STYLE.items(), cuts, strict=True):
         axes.plot(offset, np.abs(cut) / np.abs(cuts).max(), dash, color=colour, label=name)
 
 
 @_figure
-def imaged_signatures(axes: Axes, recipe: StudyRecipe, cuts: Sequence[Mapping[str, Any]]) -> None:
+def imaged_signatures(axes: Axes, measured: Measured, name: str) -> None:
     """Show range cuts through three imaged mines, HH and VV back to back (Fig. 4)."""
+    cuts = measured.cases[name]["sand"][0]["cuts"]
     for cut, style in zip(cuts, ("-", "--", ":"), strict=False):
         label = f"{100 * cut['depth']:.0f} cm deep"
         axes.plot(cut["magnitude"], style, color="#1b1b1b", label=label)
-    _stacked(axes, recipe)
+    _stacked(axes, measured.recipe)
 
 
 @_figure
-def feature_vector(panels: Panels, recipe: StudyRecipe, image: xr.DataArray) -> None:
+def feature_vector(panels: Panels, measured: Measured) -> None:
     """Show how a feature vector is taken from the image (Fig. 5)."""
     *pair, vector = panels
-    length = recipe.cut.length
+    image = measured.image
+    length = measured.recipe.cut.length
     first, last = np.searchsorted(image["y"].values, (14.2, 16.2))
     stretch = image.isel(y=slice(first, last))
     stretch = stretch.copy(data=np.abs(stretch.values))
@@ -109,12 +134,13 @@ def feature_vector(panels: Panels, recipe: StudyRecipe, image: xr.DataArray) -> 
         cuts.append(stack[low : low + length, column])
     colour_bar(pair, shown, "magnitude", shrink=0.8)
     vector.plot(np.concatenate(cuts), color="#1b1b1b")
-    _stacked(vector, recipe)
+    _stacked(vector, measured.recipe)
 
 
 @_figure
-def eigenvector_figure(panels: Panels, recipe: StudyRecipe, case: Case) -> None:
+def eigenvector_figure(panels: Panels, measured: Measured, name: str) -> None:
     """Show the magnitudes of the first six eigenvectors of a lane (Fig. 6)."""
+    case = measured.cases[name]["sand"][0]
     magnitudes = np.array(case["eigenvectors"])
     ratios = np.array(case["ratios"])
     for j, axes in enumerate(panels.ravel()):
@@ -123,22 +149,23 @@ def eigenvector_figure(panels: Panels, recipe: StudyRecipe, case: Case) -> None:
             axes.plot(magnitudes[j], color="#1b1b1b")
             title = f"σ{j + 1}/σ1 = {ratios[j]:.3f}"
         axes.set_title(title, fontsize=9, pad=14)
-        _stacked(axes, recipe)
+        _stacked(axes, measured.recipe)
 
 
-@_figure
-def roc_figure(panels: Panels, recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> None:
+@_figure.sized(_columns)
+def roc_figure(panels: Panels, measured: Measured, name: str) -> None:
     """Draw the ROC of deflection, PWF and HH on every soil (Fig. 7).
 
     The first seed's curve is drawn over the spread of all seeds.
     """
+    recipe, cases = measured.recipe, measured.cases[name]
     names = {"deflection": recipe.main, "PWF": "PWF", "HH": "HH"}
     grid = np.logspace(-3, 0, 61)
     for axes, (soil, title) in zip(panels[0], recipe.soils.items(), strict=True):
         both = [axes]
         all_curves = {
-            label: [case_curve(case, name, recipe.score.box) for case in cases[soil]]
-            for label, name in names.items()
+            label: [case_curve(case, detector, recipe.score.box) for case in cases[soil]]
+            for label, detector in names.items()
         }
         means = [
             np.mean([pd_at(one, recipe.score.pfa) for one in of]) for of in all_curves.values()
@@ -166,8 +193,9 @@ def roc_figure(panels: Panels, recipe: StudyRecipe, cases: Mapping[str, Sequence
 
 
 @_figure
-def point_figure(panels: Panels, responses: Mapping[str, PointResponse]) -> None:
+def point_figure(panels: Panels, measured: Measured) -> None:
     """Draw the response to a point with and without the ramp."""
+    responses = measured.responses
     for (name, response), style in zip(responses.items(), ("-", "--"), strict=True):
         lines = (response.down, response.down_level), (response.cross, response.cross_level)
         for axes, (offset, level), width in zip(panels, lines, response.resolution, strict=True):
@@ -176,11 +204,10 @@ def point_figure(panels: Panels, responses: Mapping[str, PointResponse]) -> None
         axes.axhline(-3.01, color="#999", lw=0.8)
 
 
-@_figure
-def examples_figure(
-    panels: Panels, recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]
-) -> None:
+@_figure.sized(_columns)
+def examples_figure(panels: Panels, measured: Measured, name: str) -> None:
     """Draw mean Pd of deflection less that of Neyman-Pearson over the examples, by rank."""
+    recipe, cases = measured.recipe, measured.cases[name]
     ticks = recipe.sweeps.numbers
     for axes, (soil, title) in zip(panels[0], recipe.soils.items(), strict=True):
         for place, rank in enumerate(recipe.sweeps.ranks):
@@ -200,8 +227,9 @@ def examples_figure(
 
 
 @_figure
-def depth_figure(axes: Axes, recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> None:
+def depth_figure(axes: Axes, measured: Measured, name: str) -> None:
     """Draw Pd at the study's P_FA over depth, all seeds pooled."""
+    recipe, cases = measured.recipe, measured.cases[name]
     for site, marker in zip(cases, "os^D", strict=False):
         tables = []
         for case, found in zip(

@@ -7,15 +7,13 @@ seeds.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from flgpr.method.model import Model, save_model
@@ -48,7 +46,6 @@ from flgpr_papers.cosgrove2004.images import (
     PointResponse,
     lane_looks,
     point_response,
-    signature_cuts,
     signature_looks,
     study_sensor,
     wide_image,
@@ -186,35 +183,12 @@ def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
     resolution = {name: response.resolution for name, response in responses.items()}
     return Outcome(
         findings=found,
-        figures=_figures(recipe, cases, responses),
+        measured=figures.Measured(recipe, cases, responses, wide_image(recipe, 1)),
         facts=page_facts(recipe, cases, tables, responses),
         tables=page_tables(recipe, cases, tables, found),
         files={"pd.csv": pds.to_csv(index=False)},
         notes={"seeds": len(seeds), "resolution_m": resolution},
     )
-
-
-def _figures(
-    recipe: StudyRecipe, cases: Cases, responses: Mapping[str, PointResponse]
-) -> dict[str, Callable[[], Figure]]:
-    """Return what draws each figure of the page, by name."""
-    image = wide_image(recipe, 1)
-    drawn: dict[str, Callable[[], Figure]] = {
-        "figure-1": partial(figures.geometry, recipe),
-        "figure-2": partial(figures.sample_image, image),
-        "figure-3": lambda: figures.simulated_signature(*signature_cuts(recipe)),
-        "figure-5": partial(figures.feature_vector, recipe, image),
-        "resolution": partial(figures.point_figure, responses),
-    }
-    for name, lanes in cases.items():
-        sand = lanes["sand"][0]
-        drawn[f"figure-4-{name}"] = partial(figures.imaged_signatures, recipe, sand["cuts"])
-        drawn[f"figure-6-{name}"] = partial(figures.eigenvector_figure, recipe, sand)
-        columns = len(recipe.soils)
-        drawn[f"figure-7-{name}"] = partial(figures.roc_figure, recipe, lanes, columns=columns)
-        drawn[f"examples-{name}"] = partial(figures.examples_figure, recipe, lanes, columns=columns)
-        drawn[f"depth-{name}"] = partial(figures.depth_figure, recipe, lanes)
-    return drawn
 
 
 def seed_cases(recipe: StudyRecipe, folder: Path, seed: int) -> dict[str, dict[str, Case]]:
@@ -324,4 +298,4 @@ def _part(folder: Path, seed: str, quick: bool, world: str) -> None:
     seed_cases(study_recipe(quick, world), folder, int(seed))
 
 
-STUDY = Study("cosgrove2004", "index.html", run, _parts, _part)
+STUDY = Study("cosgrove2004", "index.html", figures, run, _parts, _part)

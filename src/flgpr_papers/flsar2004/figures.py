@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import partial
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
 from numpy.typing import NDArray
 from sklearn.svm import SVC
@@ -18,60 +15,36 @@ from flgpr.detect import OneClassRelevanceVectorMachine, RelevanceVectorClassifi
 from flgpr.detect.one_class import FORMULATIONS
 from flgpr.screen import fit_ellipse
 from flgpr_papers.flsar2004.examples import POLARIZATIONS, Site, make_templates
+from flgpr_papers.flsar2004.findings import Results
 from flgpr_papers.flsar2004.lanes import Settings, fiducials
 from flgpr_papers.kit.figures import Figures, colour_bar, show, steps
 
-Curves = dict[str, dict[str, dict[Any, Any]]]
 Panels = NDArray[Any]
 _figure = Figures("flsar2004")
 TITLES: dict[str, str] = _figure.declared["titles"]
 """Title of every panel of ROCs by its name."""
 
 
-def drawings(
-    settings: Settings, sites: list[Site], curves: Curves, notes: dict[str, Any]
-) -> dict[str, Callable[[], Figure]]:
-    """Return what draws each figure: those of the paper in its order, then our own.
+class Measured(NamedTuple):
+    """What the figures show of the study."""
 
-    Parameters
-    ----------
-    settings : Settings
-        The study.
-    sites : list of Site
-        Both sites.
-    curves : dict
-        Columns of each ROC by figure and label.
-    notes : dict
-        Further numbers of the results.
-    """
+    settings: Settings  #: the study
+    sites: list[Site]  #: both sites
+    results: Results  #: of all parts
 
-    def rocs(names: list[str], columns: int) -> Callable[[], Figure]:
-        rows = -(-len(names) // columns)
-        each = np.array((3.7, 3.4) if columns > 2 else (5.2, 3.8))
-        shape = {"rows": rows, "columns": columns, "size": each * (columns, rows)}
-        return partial(roc_figure, curves, names, notes, **shape)
 
-    figures: dict[str, Callable[[], Figure]] = {
-        "fig1": partial(lane_figure, settings, sites[0]),
-        "fig2": partial(ellipse_figure, settings, sites[0]),
-        "fig3": partial(templates_figure, settings, sites, columns=len(settings.ranges)),
-        "fig4": margin_figure,
-    }
-    for number in range(5, 11):
-        names = [name for name in TITLES if name.split()[0] == f"fig{number}"]
-        figures[f"fig{number}"] = rocs(names, min(len(names), 2))
-    shown_together = [name for name in TITLES if name != "machines" and "20 cm" not in name]
-    return figures | {
-        "machines": rocs(["machines"], 1),
-        "vectors": partial(vectors_figure, notes["vectors by fold"]),
-        "one-class-width": kernel_width_figure,
-        "rocs": rocs(shown_together, 3),
-    }
+def _shape(_: Measured, *names: str) -> dict[str, Any]:
+    """Return the size of a figure of several ROCs, a panel each."""
+    columns = 3 if len(names) > 4 else min(len(names), 2)
+    rows = -(-len(names) // columns)
+    size = np.array((3.7, 3.4) if columns > 2 else (5.2, 3.8)) * (columns, rows)
+    return {"rows": rows, "columns": columns, "size": size}
 
 
 @_figure
-def lane_figure(panels: Panels, settings: Settings, site: Site) -> None:
+def lane_figure(panels: Panels, measured: Measured) -> None:
     """Draw Fig. 1: HH and VV over part of the lane, with mines."""
+    settings, (site, _), _ = measured
     end = min(30.0, settings.length)
     rows = (site.grid.y >= 0) & (site.grid.y <= end)
     shown_mines = site.mines[site.mines["y"].between(0, end)]
@@ -96,12 +69,13 @@ def lane_figure(panels: Panels, settings: Settings, site: Site) -> None:
 
 
 @_figure
-def ellipse_figure(axes: Axes, settings: Settings, site: Site) -> None:
+def ellipse_figure(axes: Axes, measured: Measured) -> None:
     """Draw Fig. 2: the ellipse and the rectangle whose energies the prescreener compares.
 
     The origin is the cluster's brightest pixel; the rectangle is twice as
     long and wide as the ellipse.
     """
+    settings, (site, _), _ = measured
     ellipse = fit_ellipse(make_templates(settings, site)[0, 0], settings.spacing)
     along, across = ellipse.half_y, ellipse.half_x
     centre = ellipse.offset_y, ellipse.offset_x
@@ -116,8 +90,9 @@ def ellipse_figure(axes: Axes, settings: Settings, site: Site) -> None:
 
 
 @_figure
-def templates_figure(panels: Panels, settings: Settings, sites: list[Site]) -> None:
+def templates_figure(panels: Panels, measured: Measured) -> None:
     """Draw Fig. 3, with the ellipse of Fig. 2."""
+    settings, sites, _ = measured
     for s, site in enumerate(sites):
         templates = make_templates(settings, site)
         for p, r in np.ndindex(*templates.shape[:2]):
@@ -154,7 +129,7 @@ def _draw_template(axes: Axes, template: NDArray[Any], settings: Settings) -> No
 
 
 @_figure
-def margin_figure(axes: Axes) -> None:
+def margin_figure(axes: Axes, *_: Any) -> None:
     """Draw Fig. 4: the margin of a hyperplane, for points drawn for the purpose."""
     rng = np.random.default_rng(4)
     first = rng.normal((-1.2, -0.6), 0.4, (20, 2))
@@ -188,9 +163,10 @@ def margin_figure(axes: Axes) -> None:
     )
 
 
-@_figure
-def roc_figure(panels: Panels, curves: Curves, names: Sequence[str], notes: dict[str, Any]) -> None:
+@_figure.sized(_shape)
+def roc_figure(panels: Panels, measured: Measured, *names: str) -> None:
     """Draw ROC curves by name, a panel each."""
+    curves, notes = measured.results.curves, measured.results.notes
     for axes, name in zip(panels.ravel(), names, strict=True):
         of_figure = curves.get(name, {})
         for label, curve in of_figure.items():
@@ -208,8 +184,9 @@ def roc_figure(panels: Panels, curves: Curves, names: Sequence[str], notes: dict
 
 
 @_figure
-def vectors_figure(axes: Axes, shares_by_machine: dict[str, list[float]]) -> None:
+def vectors_figure(axes: Axes, measured: Measured) -> None:
     """Draw histograms of the share of the training examples that are vectors, by machine."""
+    shares_by_machine = measured.results.notes["vectors by fold"]
     largest = max(map(max, shares_by_machine.values()))
     bins = 100 * np.linspace(0, largest * 1.05, 40)
     for label, shares in shares_by_machine.items():
@@ -217,7 +194,7 @@ def vectors_figure(axes: Axes, shares_by_machine: dict[str, list[float]]) -> Non
 
 
 @_figure
-def kernel_width_figure(panels: Panels) -> None:
+def kernel_width_figure(panels: Panels, *_: Any) -> None:
     """Draw the one-class machine's p(mine) over a plane, by kernel width and formulation."""
     rng = np.random.default_rng(0)
     first = rng.normal((-1, 0), 0.35, (40, 2))

@@ -72,7 +72,7 @@ def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
     del summary["curves"]
     return Outcome(
         findings=results.findings,
-        figures=figures.drawings(settings, sites, results.curves, results.notes),
+        measured=figures.Measured(settings, sites, results),
         facts={},
         tables=page_tables(settings, results),
         files={"results.json": json.dumps(summary, indent=1) + "\n"},
@@ -84,4 +84,4 @@ def _record(part: Callable[[Material], Results], material: Material) -> dict[str
     return asdict(part(material))
 
 
-STUDY = Study("flsar2004", "flsar2004.html", run, style=_STYLE)
+STUDY = Study("flsar2004", "flsar2004.html", figures, run, style=_STYLE)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
@@ -19,7 +20,7 @@ from flgpr_papers.fuse2018.lanes import FuseRecipe, band_sensor
 from flgpr_papers.fuse2018.matches import CONVENTIONS, scored
 from flgpr_papers.fuse2018.poses import PoseStudy
 from flgpr_papers.fuse2018.process import LaneResult
-from flgpr_papers.fuse2018.suppression import VARIANTS
+from flgpr_papers.fuse2018.suppression import VARIANTS, Calibration
 from flgpr_papers.kit.figures import Figures, chance_line, colour_bar, decibels, show, steps
 from flgpr_papers.kit.intervals import clustered
 
@@ -40,24 +41,40 @@ COMPARED = {
 }
 
 
-BANDS = {"vv": "L band VV", "vh": "L band VH", "x": "X band"}
-"""Images of Fig. 3 to 5, and what they are of."""
-MIXED = {"fundamental": "(a) fundamental part", "extended": "(b) extended part"}
-"""Masks of Fig. 6."""
-READINGS = {
-    "fundamental": "intersected pixel by pixel",
-    "fundamental by region": "by connected region",
-}
-"""The fundamental part by the two readings of "the intersection"."""
 STAGES = {"stage #1": "(a) #1", "stage #3": "(b) #3", "stage #4": "(c) #4", "stage #6": "(d) #6"}
 """Averages of Fig. 7."""
 CLEANED = {f"variant {name}": name for name in VARIANTS}
 """The example frame as every variant leaves it."""
 
 
+@dataclass(frozen=True)
+class Measured:
+    """What the study has measured, for its figures and its page."""
+
+    recipe: FuseRecipe  #: the study
+    lanes: Sequence[LaneResult]  #: results of lanes A and B
+    loose: LaneResult  #: result of lane A with the presets' looser navigation
+    calibration: Calibration  #: what the calibration lane teaches
+    example: Arrays  #: what the figures show of one aperture
+    poses: PoseStudy  #: loss of the coherent sum by wrong poses
+    fullwave: FullwaveStudy  #: the packaged full-wave lane
+
+
+def _rows(measured: Measured, titles: Mapping[str, str], columns: int) -> dict[str, Any]:
+    """Return rows and columns of panels for those images of the example that there are."""
+    there = titles.keys() & measured.example.keys()
+    return {"rows": -(-len(there) // columns), "columns": columns}
+
+
+def _columns(measured: Measured) -> dict[str, Any]:
+    """Return a column of panels for every lane."""
+    return {"columns": len(measured.lanes)}
+
+
 @_figure
-def mask_figure(panels: Panels, example: Arrays, band: str, title: str) -> None:
+def mask_figure(panels: Panels, measured: Measured, band: str, title: str) -> None:
     """Draw an image of the example frame beside its binary mask, as Fig. 3 to 5."""
+    example = measured.example
     left, right = panels
     colour_bar(panels, _image(left, example, example[band]), "dB", shrink=0.7)
     left.set_title(f"{title}: (a) SAR image", fontsize=10)
@@ -67,8 +84,9 @@ def mask_figure(panels: Panels, example: Arrays, band: str, title: str) -> None:
 
 
 @_figure
-def geometry_figure(axes: Any, recipe: FuseRecipe) -> None:
+def geometry_figure(axes: Any, measured: Measured) -> None:
     """Draw the antennas of both bands, the imaged ground and the path of Eq. 2, as Fig. 1."""
+    recipe = measured.recipe
     for band, colour in (("l", "C0"), ("x", "C1")):
         sensor = band_sensor(recipe, band)
         tx, rx = [side + [0.0, 0.0, sensor.height] for side in sensor.pairs()]
@@ -95,8 +113,9 @@ def geometry_figure(axes: Any, recipe: FuseRecipe) -> None:
 
 
 @_figure
-def procedure_figure(panels: Panels, example: Arrays) -> None:
+def procedure_figure(panels: Panels, measured: Measured) -> None:
     """Draw how the fundamental and the extended mask are made, as Fig. 2."""
+    example = measured.example
     vv, vh, vv_low, vh_low = [example[f"mask {n}"] for n in ("vv", "vh", "vv low", "vh low")]
     none = np.zeros_like(vv)
     x = example.get("mask x", none)
@@ -128,28 +147,24 @@ def procedure_figure(panels: Panels, example: Arrays) -> None:
 
 
 @_figure
-def masks_figure(panels: Panels, example: Arrays, titles: Mapping[str, str]) -> None:
+def masks_figure(panels: Panels, measured: Measured, titles: Mapping[str, str]) -> None:
     """Draw two masks of the example frame side by side, as Fig. 6."""
+    example = measured.example
     for axes, (name, title) in zip(panels, titles.items(), strict=True):
         _mask(axes, example, example[name], title)
         _dress(axes, example)
 
 
-@_figure
-def averages_figure(panels: Panels, example: Arrays) -> None:
+@_figure.sized(lambda measured: _rows(measured, STAGES, 2))
+def averages_figure(panels: Panels, measured: Measured) -> None:
     """Draw the example frame averaged by several combinations, as Fig. 7."""
-    _images(panels, example, STAGES)
+    _images(panels, measured.example, STAGES)
 
 
-@_figure
-def cleaned_figure(panels: Panels, example: Arrays) -> None:
+@_figure.sized(lambda measured: _rows(measured, CLEANED, 3))
+def cleaned_figure(panels: Panels, measured: Measured) -> None:
     """Draw the example frame as every variant leaves it."""
-    _images(panels, example, CLEANED)
-
-
-def columns_of(example: Arrays, titles: Mapping[str, str], columns: int) -> dict[str, int]:
-    """Return the rows and columns of panels for those images of an example that there are."""
-    return {"rows": -(-len(titles.keys() & example.keys()) // columns), "columns": columns}
+    _images(panels, measured.example, CLEANED)
 
 
 def _images(panels: Panels, example: Arrays, titles: Mapping[str, str]) -> None:
@@ -166,10 +181,9 @@ def _images(panels: Panels, example: Arrays, titles: Mapping[str, str]) -> None:
 
 
 @_figure
-def power_figure(
-    panels: Panels, lanes: Sequence[LaneResult], example: Arrays, recipe: FuseRecipe
-) -> None:
+def power_figure(panels: Panels, measured: Measured) -> None:
     """Draw the clutter power against iterations and combinations, as Fig. 8."""
+    recipe, lanes, example = measured.recipe, measured.lanes, measured.example
     boxes = strongest_boxes(lanes)
     named_boxes = strongest_boxes(lanes[:1])
     named_boxes = named_boxes[named_boxes["frame"] == int(example["frame"])]
@@ -191,12 +205,13 @@ def power_figure(
         axes.set_xticks(numbers)
 
 
-@_figure
-def roc_figure(panels: Panels, lanes: Sequence[LaneResult], recipe: FuseRecipe) -> None:
+@_figure.sized(_columns)
+def roc_figure(panels: Panels, measured: Measured) -> None:
     """Draw the ROC curves of both lanes with and without processing, as Fig. 9.
 
     Every frame counts its area.
     """
+    recipe, lanes = measured.recipe, measured.lanes
     styles = {"iteration": ("--", "with processing"), "original": ("-", "without processing")}
     for axes, letter, lane in zip(panels, "ab", lanes, strict=True):
         for name, (dash, label) in styles.items():
@@ -206,9 +221,10 @@ def roc_figure(panels: Panels, lanes: Sequence[LaneResult], recipe: FuseRecipe) 
         axes.set_title(f"({letter}) lane {lane.name}")
 
 
-@_figure
-def variants_roc_figure(panels: Panels, lanes: Sequence[LaneResult], recipe: FuseRecipe) -> None:
+@_figure.sized(_columns)
+def variants_roc_figure(panels: Panels, measured: Measured) -> None:
     """Draw the ROC curves of all variants on both lanes by both conventions."""
+    recipe, lanes = measured.recipe, measured.lanes
     cases = product(CONVENTIONS.items(), lanes)
     for axes, ((convention, title), lane) in zip(panels.flat, cases, strict=True):
         for name, (colour, dash) in COMPARED.items():
@@ -220,10 +236,9 @@ def variants_roc_figure(panels: Panels, lanes: Sequence[LaneResult], recipe: Fus
 
 
 @_figure
-def pose_figure(
-    panels: Panels, study: PoseStudy, lanes: Sequence[LaneResult], loose: LaneResult
-) -> None:
+def pose_figure(panels: Panels, measured: Measured) -> None:
     """Draw the loss of the coherent sum against the poses' error: formula, reflectors, lanes."""
+    study, lanes, loose = measured.poses, measured.lanes, measured.loose
     left, right = panels
     errors = 1000 * np.asarray(study.errors)
     for band, dash in (("l", "-"), ("x", "--")):
@@ -241,8 +256,9 @@ def pose_figure(
 
 
 @_figure
-def fullwave_figure(panels: Panels, study: FullwaveStudy) -> None:
+def fullwave_figure(panels: Panels, measured: Measured) -> None:
     """Draw the full-wave lane before and after, with its masks."""
+    study = measured.fullwave
     rules = sorted({name.split("/")[0] for name in study.images if "/" in name}, reverse=True)
     top = study.images["VV"].max()
     x = study.images["x"]

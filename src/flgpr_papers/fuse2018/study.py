@@ -7,23 +7,22 @@ statements.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from flgpr.clutter import TABLE_II
 from flgpr.progress import Track
 from flgpr.scoring import pd_at
 from flgpr_papers.fuse2018 import figures
+from flgpr_papers.fuse2018.figures import Measured
 from flgpr_papers.fuse2018.findings import STATEMENTS, all_findings, power_db, strongest_boxes
-from flgpr_papers.fuse2018.fullwave import FullwaveStudy, fullwave_study
+from flgpr_papers.fuse2018.fullwave import fullwave_study
 from flgpr_papers.fuse2018.lanes import (
     BANDS,
     Frames,
@@ -34,7 +33,7 @@ from flgpr_papers.fuse2018.lanes import (
     simulate_lane,
 )
 from flgpr_papers.fuse2018.matches import CONVENTIONS, scored
-from flgpr_papers.fuse2018.poses import PoseStudy, pose_study
+from flgpr_papers.fuse2018.poses import pose_study
 from flgpr_papers.fuse2018.process import (
     LaneResult,
     process_lane,
@@ -45,23 +44,10 @@ from flgpr_papers.fuse2018.process import (
 )
 from flgpr_papers.fuse2018.records import example_arrays
 from flgpr_papers.fuse2018.suppression import VARIANTS, Calibration, Cleaned
-from flgpr_papers.kit.cache import Arrays, read_arrays, write_arrays
+from flgpr_papers.kit.cache import read_arrays, write_arrays
 from flgpr_papers.kit.findings import Finding
 from flgpr_papers.kit.page import HEADER, point_rows
 from flgpr_papers.kit.study import Outcome, Study
-
-
-@dataclass(frozen=True)
-class Measured:
-    """What the study has measured, for its figures and its page."""
-
-    recipe: FuseRecipe  #: the study
-    lanes: Sequence[LaneResult]  #: results of lanes A and B
-    loose: LaneResult  #: result of lane A with the presets' looser navigation
-    calibration: Calibration  #: what the calibration lane teaches
-    example: Arrays  #: what the figures show of one aperture
-    poses: PoseStudy  #: loss of the coherent sum by wrong poses
-    fullwave: FullwaveStudy  #: the packaged full-wave lane
 
 
 def page_facts(measured: Measured, found: Sequence[Finding]) -> dict[str, Any]:
@@ -158,54 +144,24 @@ def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
     lanes = [lane_result(folder, recipe, name, quick, calibration, track) for name in LANES]
     loose = lane_result(folder, recipe, LANES[0], quick, calibration, track, loose=True)
     key = result_key(recipe, quick, calibration)
+    shown = read_arrays(folder / "results" / f"example-{key}.bundle")
     measured = Measured(
         recipe=recipe,
         lanes=lanes,
         loose=loose,
         calibration=calibration,
-        example=read_arrays(folder / "results" / f"example-{key}.bundle"),
+        example={**shown, "box side": np.asarray(recipe.boxes.side)},
         poses=pose_study(recipe, draws=8 if quick else 60),
         fullwave=fullwave_study(quick),
     )
     findings = all_findings(lanes, loose, recipe)
     return Outcome(
         findings=findings,
-        figures=_figures(measured),
+        measured=measured,
         facts=page_facts(measured, findings),
         tables=page_tables(measured),
         files={"fullwave.csv": measured.fullwave.table.to_csv(index=False)},
     )
-
-
-def _figures(measured: Measured) -> dict[str, Callable[[], Figure]]:
-    """Return what draws each figure of the page, by name."""
-    recipe = measured.recipe
-    lanes = measured.lanes
-    shown = {**measured.example, "box side": np.asarray(recipe.boxes.side)}
-    drawn: dict[str, Callable[[], Figure]] = {
-        "figure-1": partial(figures.geometry_figure, recipe),
-        "figure-2": partial(figures.procedure_figure, shown),
-    }
-    for number, (band, title) in enumerate(figures.BANDS.items(), start=3):
-        if band in shown:
-            drawn[f"figure-{number}"] = partial(figures.mask_figure, shown, band, title)
-    return drawn | {
-        "figure-6": partial(figures.masks_figure, shown, figures.MIXED),
-        "figure-7": partial(
-            figures.averages_figure, shown, **figures.columns_of(shown, figures.STAGES, 2)
-        ),
-        "figure-8": partial(figures.power_figure, lanes, shown, recipe),
-        "figure-9": partial(figures.roc_figure, lanes, recipe, columns=len(lanes)),
-        "variants": partial(
-            figures.cleaned_figure, shown, **figures.columns_of(shown, figures.CLEANED, 3)
-        ),
-        "regions": partial(figures.masks_figure, shown, figures.READINGS),
-        "variants-roc": partial(
-            figures.variants_roc_figure, lanes, recipe, rows=2, columns=len(lanes)
-        ),
-        "poses": partial(figures.pose_figure, measured.poses, lanes, measured.loose),
-        "fullwave": partial(figures.fullwave_figure, measured.fullwave),
-    }
 
 
 def lane_result(
@@ -283,4 +239,4 @@ def loosened(frames: Frames, recipe: FuseRecipe) -> Frames:
     return replace(frames, stage=masks_stage(runs, recipe))
 
 
-STUDY = Study("fuse2018", "fuse2018.html", run, dpi=(110, 60))
+STUDY = Study("fuse2018", "fuse2018.html", figures, run, dpi=(110, 60))

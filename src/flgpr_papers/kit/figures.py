@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable
-from functools import wraps
+from functools import partial, wraps
 from typing import Any
 
 import numpy as np
@@ -16,16 +16,13 @@ from numpy.typing import ArrayLike, NDArray
 from flgpr.scoring import random_pd
 from flgpr_papers.kit.settings import packaged_text
 
-_OPTIONS = {"size", "rows", "columns", "width_ratios"}
-
 
 class Figures:
     """Makes the figures of a paper: panels as ``figures.toml`` declares them, drawn by a function.
 
     It decorates the function that draws on the panels. What comes of it takes the same arguments
     but the panels, and returns the figure. Its declaration, by the name of the function, has the
-    ``size`` (inches) and the options of ``subplots``; a call may give ``size``, ``rows``,
-    ``columns`` and ``width_ratios`` itself. ``every``, ``left``, ``bottom`` and the list ``axes``
+    ``size`` (inches) and the options of ``subplots``. ``every``, ``left``, ``bottom`` and the list ``axes``
     say what all panels, those at an edge, and each by itself are given once they are drawn: the
     properties of ``Axes.set``, where a limit left out stays free, and the options of a ``legend``
     and a ``grid``.
@@ -41,16 +38,25 @@ class Figures:
 
     def __call__(self, draw: Callable[..., None]) -> Callable[..., Figure]:
         """Return what makes the figure that a function draws on."""
+        return self._making(lambda *_: {}, draw)
+
+    def sized(self, options: Callable[..., dict[str, Any]]) -> Callable[..., Any]:
+        """Return the decorator with options that follow from what is drawn, beside those declared."""
+        return partial(self._making, options)
+
+    def _making(
+        self, options: Callable[..., dict[str, Any]], draw: Callable[..., None]
+    ) -> Callable[..., Figure]:
+        """Return what makes the figure that a function draws on, with options of its own."""
 
         @wraps(draw)
-        def make(*args: Any, **options: Any) -> Figure:
-            declared = dict(self.declared[draw.__name__])
+        def make(*args: Any) -> Figure:
+            declared = self.declared[draw.__name__] | options(*args)
             given = {name: declared.pop(name, {}) for name in ("every", "left", "bottom", "axes")}
-            declared |= {name: options.pop(name) for name in _OPTIONS & options.keys()}
-            width, height = declared.pop("size")
             shape = [declared.pop(name, 1) for name in ("rows", "columns")]
+            width, height = declared.pop("size")
             figure, panels = subplots(width, height, *shape, **declared)
-            draw(panels, *args, **options)
+            draw(panels, *args)
             grid: Any = np.reshape(panels, shape)
             for row, column in np.ndindex(*shape):
                 _dress(grid[row, column], given["every"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,7 +15,6 @@ from flgpr.report import figure_png, render
 from flgpr.scoring import Match, chance, clopper_pearson, operating_row, roc_of
 from flgpr.store.outputs import log_finished
 from flgpr_papers.kit.findings import NO_VERDICT, OPEN, VERDICTS, Finding
-from flgpr_papers.kit.settings import packaged_text
 
 Rows = Sequence[tuple[str, str, str]]
 """Numbers beside a figure: quantity, what the paper says, and what is here."""
@@ -40,28 +38,32 @@ class Twin:
 
 
 def twins(
-    paper: str, pictures: Mapping[str, bytes], findings: Sequence[Finding], facts: Mapping[str, Any]
+    captions: Mapping[str, dict[str, Any]],
+    pictures: Mapping[str, bytes],
+    findings: Sequence[Finding],
+    facts: Mapping[str, Any],
 ) -> list[Twin]:
     """Return the figures of a study with what ``captions.toml`` says of them, in its order.
 
-    An entry has ``title`` and ``caption``, and may have ``number`` (of the paper's figure),
+    An entry ``draws`` a figure: the name of the function, and what it takes beside what was
+    measured. One on the page has ``title`` and ``caption``, and may have ``number`` (of the paper's figure),
     ``numbers`` (rows that stand beside it), and ``claims``: the beginnings of the statements that
     stand there, too, with their quantity if ``quantities`` is set, and of one ``group`` alone.
 
     Parameters
     ----------
-    paper : str
-        Name of the paper.
+    captions : mapping of str to dict
+        The entries by the name of the figure.
     pictures : mapping of str to bytes
-        Figures by name, PNG; captions without one are left out.
+        Figures by name, PNG.
     findings : sequence of Finding
         Findings of the study.
     facts : mapping
         What stands for the fields in braces of captions and numbers.
     """
     shown = []
-    for name, caption in tomllib.loads(packaged_text(paper, "captions")).items():
-        if name not in pictures:
+    for name, caption in captions.items():
+        if "caption" not in caption:
             continue
         numbers = [
             (quantity.format(**facts), stated, here.format(**facts))

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise, product
 from textwrap import wrap
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Rectangle
 from matplotlib.ticker import MaxNLocator
@@ -28,8 +30,10 @@ from flgpr_papers.wang2007.analysis import (
     SUBBANDS,
     LaneResult,
 )
+from flgpr_papers.wang2007.findings import BURIED, SETS, Tables
 
 _DB = 30.0
+_BAND_DRAWS = 200
 _LEAST = 1e-12
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#000000")
 Examples = Mapping[str, NDArray[Any]]
@@ -39,11 +43,25 @@ PATCHES = ("surface", "shallow", "plastic", "false")
 _figure = Figures("wang2007")
 
 
+@dataclass(frozen=True)
+class Measured:
+    """What the study has measured, for its figures and its page."""
+
+    recipe: Recipe  #: recipe of the study
+    radar: Sensor  #: the array
+    calibration: Sequence[LaneResult]  #: results of the calibration lanes
+    blind: Sequence[LaneResult]  #: results of the blind lanes
+    tables: Tables  #: what the statements are judged by
+    examples: Examples  #: scan images and patches of Figs. 2-5, 8 and 10
+    costs: pd.DataFrame  #: as :func:`~flgpr_papers.wang2007.costs.cost_table` returns it
+    draws: int  #: number of bootstrap draws
+
+
 @_figure
-def geometry_figure(panels: Panels, sensor: Sensor, recipe: Recipe) -> None:
+def geometry_figure(panels: Panels, measured: Measured) -> None:
     """Draw Fig. 1: the radar and the imaged area, from the side and from above."""
+    sensor, image = measured.radar, measured.recipe.image
     side, plan = panels
-    image = recipe.image
     height = sensor.height
     side.plot(0, height, "s", color="k")
     for y in image.y:
@@ -63,16 +81,18 @@ def geometry_figure(panels: Panels, sensor: Sensor, recipe: Recipe) -> None:
 
 
 @_figure
-def polarization_figure(panels: Panels, examples: Examples) -> None:
+def polarization_figure(panels: Panels, measured: Measured) -> None:
     """Draw Fig. 2: one scan in three polarizations, sub-band F0."""
+    examples = measured.examples
     channels = [(polarization, "F0") for polarization in POLARIZATIONS]
     _channels(panels, examples, "surface", "raw", channels)
     _scan_axes(panels)
 
 
 @_figure
-def subband_figure(panels: Panels, examples: Examples) -> None:
+def subband_figure(panels: Panels, measured: Measured) -> None:
     """Draw Fig. 3: one scan in five sub-bands, VV."""
+    examples = measured.examples
     _channels(panels, examples, "surface", "raw", [("VV", band) for band in BANDS])
     _scan_axes(panels)
 
@@ -92,12 +112,13 @@ def _channels(
 
 
 @_figure
-def series_figure(panels: Panels, examples: Examples) -> None:
+def series_figure(panels: Panels, measured: Measured) -> None:
     """Draw Fig. 4: five consecutive scans, HH, F1: the mine moves, the self-signature stays.
 
     All share one scale. Its top is the largest of the median over the scans, which holds what stays
     in place: on a scale that reaches up to the mines themselves it would hardly be seen.
     """
+    examples = measured.examples
     top = float(decibels(np.median(examples["series"], axis=0), _LEAST).max())
     shown = zip(panels, examples["series"], examples["series_place"], strict=True)
     for number, (axis, image, position) in enumerate(shown, start=1):
@@ -106,8 +127,9 @@ def series_figure(panels: Panels, examples: Examples) -> None:
 
 
 @_figure
-def background_figure(panels: Panels, examples: Examples) -> None:
+def background_figure(panels: Panels, measured: Measured) -> None:
     """Draw Fig. 5: background removal and normalisation, HH, F1."""
+    examples = measured.examples
     channel = _at(examples, "HH", "F1")
     clean = examples["clean_surface"][channel]
     images = {
@@ -123,20 +145,21 @@ def background_figure(panels: Panels, examples: Examples) -> None:
 
 
 @_figure
-def run_view_figure(panels: Panels, result: LaneResult, alarms: bool, length: float = 60.0) -> None:
+def run_view_figure(panels: Panels, measured: Measured, alarms: bool, length: float = 60.0) -> None:
     """Draw Fig. 6 or 7: 60 m of a calibration lane in pieces of 15 m, with targets or alarms.
 
     Parameters
     ----------
     panels : ndarray of Axes
         A panel for each piece.
-    result : LaneResult
-        The lane.
+    measured : Measured
+        The study, of which the first lane is shown.
     alarms : bool
         Whether alarms are marked, or targets.
     length : float
         Length of lane that is shown, m.
     """
+    result = measured.calibration[0]
     view = result.view.sel(polarization="HH", subband="F1")
     top = 20 * np.log10(np.nanpercentile(view.values, 99.9))
     marked = result.alarms if alarms else result.truth
@@ -157,8 +180,9 @@ def run_view_figure(panels: Panels, result: LaneResult, alarms: bool, length: fl
 
 
 @_figure
-def clean_bands_figure(panels: Panels, examples: Examples) -> None:
+def clean_bands_figure(panels: Panels, measured: Measured) -> None:
     """Draw Fig. 8: cleaned scans in five sub-bands, VV of a metal mine and HH of a plastic one."""
+    examples = measured.examples
     for row, name, polarization in zip(panels, ("metal", "plastic"), ("VV", "HH"), strict=True):
         channels = [(polarization, band) for band in BANDS]
         _channels(row, examples, name, "clean", channels, (-3, 3), (8, 16))
@@ -166,12 +190,9 @@ def clean_bands_figure(panels: Panels, examples: Examples) -> None:
 
 
 @_figure
-def prescreener_figure(
-    panels: Panels,
-    pooled: Mapping[tuple[str, str], Match],
-    one_run: Mapping[tuple[str, str], Match],
-) -> None:
+def prescreener_figure(panels: Panels, measured: Measured) -> None:
     """Draw Fig. 9: ROC of the prescreener by polarization and sub-band, of one run over all runs."""
+    pooled, one_run = measured.tables.channels, measured.tables.first_run
     for axis, polarization in zip(panels, POLARIZATIONS, strict=True):
         for colour, band in zip(_COLOURS, (*SUBBANDS, "F0"), strict=True):
             channel = polarization, band
@@ -182,9 +203,15 @@ def prescreener_figure(
         _roc_axes(axis, polarization, 0.3)
 
 
-@_figure
-def patch_figure(panels: Panels, examples: Examples) -> None:
+def _widths(measured: Measured) -> dict[str, Any]:
+    """Return the widths of the panels of Fig. 10, by their numbers of patches."""
+    return {"width_ratios": [len(measured.examples[f"patches_{name}"]) for name in PATCHES]}
+
+
+@_figure.sized(_widths)
+def patch_figure(panels: Panels, measured: Measured) -> None:
     """Draw Fig. 10: incoherent patches of three hits and a false alarm."""
+    examples = measured.examples
     titles = dict(zip(examples["names"], examples["titles"], strict=True))
     channels = {
         f"{polarization} {band}": _at(examples, polarization, band)
@@ -208,11 +235,6 @@ def patch_figure(panels: Panels, examples: Examples) -> None:
     _colour_bar(panels, "dB over the background")
 
 
-def patch_widths(examples: Examples) -> dict[str, list[int]]:
-    """Return the widths of the panels of Fig. 10, by their numbers of patches."""
-    return {"width_ratios": [len(examples[f"patches_{name}"]) for name in PATCHES]}
-
-
 def _patch_row(patches: NDArray[Any], channel: tuple[int, int]) -> NDArray[Any]:
     """Return the framed patches of a channel side by side, dB; NaN beyond the image's border."""
     framed = []
@@ -224,18 +246,18 @@ def _patch_row(patches: NDArray[Any], channel: tuple[int, int]) -> NDArray[Any]:
 
 
 @_figure
-def region_figure(axis: Axes, recipe: Recipe) -> None:
+def region_figure(axis: Axes, measured: Measured) -> None:
     """Draw Fig. 11: regions of an incoherent patch."""
-    patch = recipe.contrast.patch()
+    patch = measured.recipe.contrast.patch()
     codes = np.where(patch.region(patch.guard), 1, 2) - patch.region(patch.inner)
     axis.pcolormesh(codes, cmap="Blues", edgecolors="white", linewidth=0.4)
     axis.set_title("white: inner, middle: guard, dark: outer", fontsize=8)
 
 
 @_figure
-def normalisation_figure(panels: Panels, calibration: Sequence[LaneResult]) -> None:
+def normalisation_figure(panels: Panels, measured: Measured) -> None:
     """Draw Fig. 12: histogram of M_HH before and after duplication and after normalisation."""
-    known = make_training_set([result.training for result in calibration], columns=["M_HH_F1"])
+    known = make_training_set([one.training for one in measured.calibration], columns=["M_HH_F1"])
     values = known.features["M_HH_F1"].to_numpy()
     weight = known.weight
     normalizer = HistogramNormalizer().fit(values[:, None], sample_weight=weight)
@@ -250,51 +272,51 @@ def normalisation_figure(panels: Panels, calibration: Sequence[LaneResult]) -> N
         axis.set_xlabel("M_HH", fontsize=8)
 
 
-Band = tuple[NDArray[np.float64], NDArray[np.float64]]
 BAND_FAR = np.linspace(0, 0.1, 51)
 """False alarm rates at which bands are drawn, per m²."""
 
 
-@_figure
-def best_figure(
-    axis: Axes, matches: Mapping[str, Match], subsets: Mapping[str, Any], title: str
-) -> None:
-    """Draw Fig. 13: ROC of detectors by the kind of mines."""
-    _kinds(axis, matches, subsets, title)
+def _trained(measured: Measured) -> dict[str, Match]:
+    """Return the calibration lanes by classifier, trained on them."""
+    pool = measured.tables.pool
+    return {name: pool.match_of(pool.confidence(columns, "A")) for name, columns in SETS.items()}
 
 
 @_figure
-def classifier_figure(
-    panels: Panels,
-    sets: Mapping[str, Mapping[str, Match]],
-    subsets: Mapping[str, Any],
-    bands: Mapping[str, Band],
-) -> None:
-    """Draw Fig. 14: ROC of classifiers by set of lanes, and the last one of the first with bands.
+def best_figure(axis: Axes, measured: Measured) -> None:
+    """Draw Fig. 13: ROC of prescreener and best feature by the kind of mines."""
+    best = {
+        "prescreener": measured.tables.channels["HH", "F1"],
+        "C_HH": _trained(measured)["A"],
+    }
+    _kinds(axis, best, "calibration")
+
+
+@_figure
+def classifier_figure(panels: Panels, measured: Measured) -> None:
+    """Draw Fig. 14: ROC of classifiers by set of lanes, and of B with bands.
 
     The bands, by kind of mines, are those of the classifier as it is, and trained anew.
     """
-    for axis, (title, matches) in zip(panels[0], sets.items(), strict=False):
-        _kinds(axis, matches, subsets, title)
-    name, match = list(next(iter(sets.values())).items())[-1]
-    for axis, (kind, (trained, anew)), colour in zip(
-        panels[1], bands.items(), _COLOURS, strict=False
-    ):
+    pool = measured.tables.pool
+    trained = _trained(measured)
+    _kinds(panels[0, 0], trained, "calibration")
+    _kinds(panels[0, 1], measured.tables.blind, "blind")
+    for axis, (kind, subset), colour in zip(panels[1], BURIED.items(), _COLOURS, strict=False):
+        frozen, anew = pool.bands(SETS["B"], "A", subset, BAND_FAR, _BAND_DRAWS)
         for band, alpha, label in (
             (anew, 0.15, "95 %, trained anew in every draw"),
-            (trained, 0.3, "95 %, as trained"),
+            (frozen, 0.3, "95 %, as trained"),
         ):
             axis.fill_between(BAND_FAR, *band, color=colour, alpha=alpha, lw=0, label=label)
-        _roc(axis, match, subsets[kind], f"{name}, {kind}", color=colour, ls="-")
+        _roc(axis, trained["B"], subset, f"B, {kind}", color=colour, ls="-")
         _roc_axes(axis, f"{kind} mines with bands", 0.1)
 
 
-def _kinds(
-    axis: Axes, matches: Mapping[str, Match], subsets: Mapping[str, Any], title: str
-) -> None:
+def _kinds(axis: Axes, matches: Mapping[str, Match], title: str) -> None:
     """Draw the ROC of several detectors by the kind of mines."""
     for colour, (name, match) in zip(_COLOURS, matches.items(), strict=False):
-        for dash, (kind, subset) in zip(("-", "--"), subsets.items(), strict=False):
+        for dash, (kind, subset) in zip(("-", "--"), BURIED.items(), strict=True):
             _roc(axis, match, subset, f"{name}, {kind}", color=colour, ls=dash)
     _roc_axes(axis, title, 0.1)
 

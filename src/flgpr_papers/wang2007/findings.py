@@ -226,7 +226,7 @@ Channels = Mapping[tuple[str, str], Match]
 _PAPER_MINES = 47
 _PAPER_PLASTIC = 20
 _PAPER_SIMULANTS = 16
-_BURIED = {"metal": BURIED_METAL, "plastic": BURIED_PLASTIC}
+BURIED = {"metal": BURIED_METAL, "plastic": BURIED_PLASTIC}
 _CONTRAST = ["C_HH_F1"]
 _HARDLY = 0.03  # of PD_mean: a gain below it is called none
 _STATEMENTS = Statements("wang2007")
@@ -367,7 +367,7 @@ def _feature_findings(
     magnitude = pool.match_of(pool.magnitude())
     gains = {
         f"{kind}, C_HH - magnitude": pd_mean_gap(contrast, magnitude, draws, 2, subset)
-        for kind, subset in _BURIED.items()
+        for kind, subset in BURIED.items()
     }
     levels = dict(zip(FEATURES, singles.values["A"], strict=True))
     best = {f"less {f}": singles.gap("C_HH", f, 9) for f in FEATURES if f != "C_HH"}
@@ -530,7 +530,7 @@ def _curve_findings(tables: Tables, draws: int) -> list[Finding]:
     }
     gaps = {}
     for lanes, scores in (("calibration", calibration), ("blind", tables.blind)):
-        for kind, subset in _BURIED.items() if scores else ():
+        for kind, subset in BURIED.items() if scores else ():
             gap = pd_mean_gap(scores["B"], scores["A"], draws, 4, subset)
             gaps[f"{kind}, {lanes}: B - A"] = gap
     return [*findings, _STATEMENTS.within("classifiers", gaps)]

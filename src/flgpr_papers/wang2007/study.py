@@ -7,16 +7,13 @@ paper's statements by all lanes (:mod:`flgpr_papers.wang2007.findings`).
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Mapping
 from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from flgpr.clutter import Background
@@ -28,7 +25,7 @@ from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.method import detection_of, engine_of
 from flgpr.model import Sensor, check_tones
 from flgpr.progress import Track, silent
-from flgpr.recipe.schema import Recipe, parse_recipe
+from flgpr.recipe.schema import parse_recipe
 from flgpr.results.description import describe_run
 from flgpr.results.errors import ResultError
 from flgpr.results.result import read_result, write_result
@@ -36,7 +33,7 @@ from flgpr.scoring import Match, pd_mean, roc_of
 from flgpr.screen import MeanViewSums, RunViewSums, view_array
 from flgpr.simulate import Scene
 from flgpr.store import open_run, read_manifest, sha256
-from flgpr_papers.kit.cache import Arrays, read_arrays, store_lane, write_arrays
+from flgpr_papers.kit.cache import read_arrays, store_lane, write_arrays
 from flgpr_papers.kit.intervals import SHARE, spread
 from flgpr_papers.kit.page import HEADER, detections_at, point_rows
 from flgpr_papers.kit.settings import packaged_text
@@ -59,6 +56,7 @@ from flgpr_papers.wang2007.analysis import (
 )
 from flgpr_papers.wang2007.costs import MEDIAN_STEP, Lanes, cost_table
 from flgpr_papers.wang2007.examples import save_examples
+from flgpr_papers.wang2007.figures import Measured
 from flgpr_papers.wang2007.findings import SETS, Tables, all_findings, retrainings
 from flgpr_papers.wang2007.lanes import (
     F1_BAND,
@@ -69,20 +67,6 @@ from flgpr_papers.wang2007.lanes import (
     quick_scenes,
     sensor,
 )
-
-
-@dataclass(frozen=True)
-class Measured:
-    """What the study has measured, for its figures and its page."""
-
-    recipe: Recipe  #: recipe of the study
-    radar: Sensor  #: the array
-    calibration: Sequence[LaneResult]  #: results of the calibration lanes
-    blind: Sequence[LaneResult]  #: results of the blind lanes
-    tables: Tables  #: what the statements are judged by
-    examples: Arrays  #: scan images and patches of Figs. 2-5, 8 and 10
-    costs: pd.DataFrame  #: as :func:`~flgpr_papers.wang2007.costs.cost_table` returns it
-    draws: int  #: number of bootstrap draws
 
 
 def page_facts(measured: Measured) -> dict[str, Any]:
@@ -243,7 +227,6 @@ def _retrained(pool: Pool, draws: int) -> list[tuple[Any, ...]]:
     return rows
 
 
-_BAND_DRAWS = 200
 VIEWS = ("wide", "largest", "mean")
 """Other run-views of the prescreener's channel that are computed beside that of the recipe."""
 
@@ -278,47 +261,11 @@ def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
     )
     return Outcome(
         findings=findings,
-        figures=drawings(measured),
+        measured=measured,
         facts=page_facts(measured),
         tables=page_tables(measured),
         files={"costs.csv": measured.costs.round(4).to_csv(index=False)},
     )
-
-
-def drawings(measured: Measured) -> dict[str, Callable[[], Figure]]:
-    """Return what draws Fig. 1 to 14, by name."""
-    examples = measured.examples
-    first_lane = measured.calibration[0]
-    tables = measured.tables
-    pool = tables.pool
-    buried = {"metal": BURIED_METAL, "plastic": BURIED_PLASTIC}
-    trained = {name: pool.match_of(pool.confidence(columns, "A")) for name, columns in SETS.items()}
-    best = {"prescreener": tables.channels["HH", "F1"], "C_HH": trained["A"]}
-    final = {"calibration": trained, "blind": tables.blind}
-
-    def final_curves() -> Figure:
-        bands = {}
-        for kind, subset in buried.items():
-            bands[kind] = pool.bands(SETS["B"], "A", subset, figures.BAND_FAR, _BAND_DRAWS)
-        return figures.classifier_figure(final, buried, bands)
-
-    drawn: list[Callable[[], Figure]] = [
-        partial(figures.geometry_figure, measured.radar, measured.recipe),
-        partial(figures.polarization_figure, examples),
-        partial(figures.subband_figure, examples),
-        partial(figures.series_figure, examples),
-        partial(figures.background_figure, examples),
-        partial(figures.run_view_figure, first_lane, False),
-        partial(figures.run_view_figure, first_lane, True),
-        partial(figures.clean_bands_figure, examples),
-        partial(figures.prescreener_figure, tables.channels, tables.first_run),
-        partial(figures.patch_figure, examples, **figures.patch_widths(examples)),
-        partial(figures.region_figure, measured.recipe),
-        partial(figures.normalisation_figure, measured.calibration),
-        partial(figures.best_figure, best, buried, "calibration"),
-        final_curves,
-    ]
-    return {f"figure-{number}": draw for number, draw in enumerate(drawn, start=1)}
 
 
 def _lanes(quick: bool, world: str = OWN) -> tuple[LaneScenes, LaneScenes]:
@@ -512,4 +459,4 @@ def _is_done(result_folder: Path, store: Path, text: str) -> bool:
     return bool(has_same_store and manifest["recipe_sha256"] == sha256(text.encode()))
 
 
-STUDY = Study("wang2007", "wang2007.html", run, _parts, make_part, dpi=(100, 100))
+STUDY = Study("wang2007", "wang2007.html", figures, run, _parts, make_part, dpi=(100, 100))
