@@ -26,7 +26,7 @@ from flgpr_papers.cosgrove2004.recipe import study_recipe
 from flgpr_papers.cosgrove2004.signature import polarization_correlation, signature_humps
 from flgpr_papers.kit.findings import in_words, judge
 from flgpr_papers.kit.intervals import students
-from flgpr_papers.kit.threads import one_blas_thread
+from flgpr_papers.kit.study import one_blas_thread
 
 HEADS = {"no head": 0.0, "head 5 cm across": 0.05, "head 10 cm across, as in the study": 0.10}
 """Width of the fuze's head, m, by the name of the mine."""

@@ -26,10 +26,10 @@ from pathlib import Path
 from flgpr.progress import silent
 from flgpr.recipe.schema import parse_recipe
 from flgpr.store import write_whole
-from flgpr_papers.flsar2004.comparisons import paper_size
 from flgpr_papers.flsar2004.examples import join
+from flgpr_papers.flsar2004.experiment import paper_size
+from flgpr_papers.flsar2004.findings import prepare
 from flgpr_papers.flsar2004.lanes import drive, load_settings
-from flgpr_papers.flsar2004.material import prepare
 from flgpr_papers.kit.findings import (
     OPEN,
     Finding,
@@ -39,8 +39,8 @@ from flgpr_papers.kit.findings import (
     write_findings,
 )
 from flgpr_papers.kit.settings import packaged_text
+from flgpr_papers.kit.study import one_blas_thread
 from flgpr_papers.kit.study_worlds import OWN
-from flgpr_papers.kit.threads import one_blas_thread
 from flgpr_papers.wang2007.findings import all_findings
 from flgpr_papers.wang2007.lanes import calibration_scenes, sensor
 from flgpr_papers.wang2007.study import lane_result

@@ -21,8 +21,8 @@ from flgpr.commands.bars import Bars
 from flgpr.store import write_whole
 from flgpr_papers.kit.findings import read_findings
 from flgpr_papers.kit.settings import PAPERS
+from flgpr_papers.kit.study import one_blas_thread
 from flgpr_papers.kit.study_worlds import AS_FOUND, OWN, world_folder
-from flgpr_papers.kit.threads import one_blas_thread
 from reasons.trials import Trial, road_trials, trials_csv
 
 

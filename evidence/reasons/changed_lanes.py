@@ -15,8 +15,7 @@ from flgpr_papers.cosgrove2004.images import (
     from_other_end,
     lane_scene,
     lane_seed,
-    looks_of_stops,
-    stop_images,
+    stop_looks,
     study_sensor,
 )
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
@@ -67,10 +66,9 @@ def open_looks(
         # Driven back, the mines come in the opposite order.
         order = slice(None, None, -1) if direction == 1 else slice(None)
         simulator = Simulator(simulated, study_sensor(recipe), number + direction)
-        images = stop_images(
-            recipe, simulator, simulator.scans(), recipe.image.self_signature, placed.targets
-        )
-        looks += looks_of_stops(images, depths[order], trains[order])
+        mines = zip(depths[order], trains[order], strict=True)
+        signature = recipe.image.self_signature
+        looks += stop_looks(recipe, simulator, simulator.scans(), signature, mines, placed.targets)
     return looks
 
 
@@ -99,5 +97,5 @@ def reflector_looks(recipe: StudyRecipe, name: str) -> list[Look]:
     bare = changed(scene, targets=[], clutter=BARE, **ALONE).model_dump(exclude_unset=True)
     placed = Scene.model_validate(bare | {"objects": reflectors})
     simulator = Simulator(placed, study_sensor(recipe), SIGNATURES, errors=False)
-    images = stop_images(recipe, simulator, simulator.scans(), "none", scene.targets)
-    return looks_of_stops(images, depths, trains)
+    mines = zip(depths, trains, strict=True)
+    return stop_looks(recipe, simulator, simulator.scans(), "none", mines, scene.targets)

@@ -7,9 +7,8 @@ explanation predicts was written before the lanes ran.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -32,7 +31,6 @@ from flgpr_papers.cosgrove2004.detect import (
     score_looks,
     target_cut,
 )
-from flgpr_papers.cosgrove2004.findings import PAPER_LOOKS, PAPER_PD, PAPER_RATIOS
 from flgpr_papers.cosgrove2004.images import (
     WIDE_MINES,
     Look,
@@ -46,13 +44,12 @@ from flgpr_papers.cosgrove2004.signature import (
     wide_boxes,
 )
 from flgpr_papers.kit.cache import key_of, read_or_make
-from flgpr_papers.kit.intervals import Bounds, Interval, students
 from flgpr_papers.kit.study_worlds import OWN
 from reasons.changed_lanes import LaneChange, open_looks, reflector_looks
-from reasons.trials import ABOVE_ZERO, BELOW_ZERO, Question, Trial
+from reasons.trials import Trial, declared_trials
 
 ComplexArray = NDArray[np.complex128]
-Records = Mapping[str, Sequence[Mapping[str, Any]]]
+Records = Mapping[str, Sequence[dict[str, Any]]]
 """What was measured on the lanes of every change, seed by seed."""
 SITE = "sand"
 SEEDS = 6
@@ -63,23 +60,6 @@ SHIFTS = tuple(range(-10, 11))
 """Samples of 2 cm by which VV of a cut is shifted."""
 FILLED = 0.5
 """Least mean power of a whitened direction that holds clutter; white noise has 1."""
-_GAUSSIAN: Bounds = (1.8, 2.2)  # as the study's rule
-_NO_MINES = "mines taken out"
-_NOTHING = "stones, wet patches and empty holes taken out"
-_EVEN_ECHO = "patchiness of the surface taken out"
-_NONE_OF_THEM = "all three taken out"
-_UNCORRELATED = "surface uncorrelated in HH and VV"
-_STRONGER = "surface's echo 4.5 dB up"
-_MUCH_STRONGER = "surface's echo 9 dB up"
-_ECHOES = ("nothing", _STRONGER, _MUCH_STRONGER)
-_ONE_BY_ONE = (
-    "mines level",
-    "mines straight ahead",
-    "no holes over mines",
-    "smooth way through the surface",
-)
-_ALIKE = "mines level, straight ahead, undug, under a smooth surface"
-_BY_SURVEY = "training cuts placed by survey and refraction, not at the brightest place"
 _STREWN: dict[str, dict[str, Any]] = {
     "stones": {"on": False},
     "clutter": {"rocks": 0.0, "patches": 0.0},
@@ -90,18 +70,20 @@ _UNDUG: dict[str, dict[str, Any]] = {"holes": {"over": 0.0}}
 _NO_SCREEN: dict[str, dict[str, Any]] = {"surface": {"phase_screen": False}}
 CHANGES: dict[str, LaneChange] = {
     "nothing": LaneChange(),
-    _NO_MINES: LaneChange(mines=False),
-    _NOTHING: LaneChange(_STREWN),
-    _EVEN_ECHO: LaneChange(_TEXTURE),
-    _NONE_OF_THEM: LaneChange(_STREWN | _TEXTURE, mines=False),
-    _UNCORRELATED: LaneChange({"surface": {"correlation": 0.0}}),
-    _STRONGER: LaneChange({"surface": {"level_db": 4.5}}),
-    _MUCH_STRONGER: LaneChange({"surface": {"level_db": 9.0}}),
-    _ONE_BY_ONE[0]: LaneChange(mine={"tilt": 0.0}),
-    _ONE_BY_ONE[1]: LaneChange(mine={"x": 0.0}),
-    _ONE_BY_ONE[2]: LaneChange(_UNDUG),
-    _ONE_BY_ONE[3]: LaneChange(_NO_SCREEN),
-    _ALIKE: LaneChange(_UNDUG | _NO_SCREEN, {"tilt": 0.0, "x": 0.0}),
+    "mines taken out": LaneChange(mines=False),
+    "stones, wet patches and empty holes taken out": LaneChange(_STREWN),
+    "patchiness of the surface taken out": LaneChange(_TEXTURE),
+    "all three taken out": LaneChange(_STREWN | _TEXTURE, mines=False),
+    "surface uncorrelated in HH and VV": LaneChange({"surface": {"correlation": 0.0}}),
+    "surface's echo 4.5 dB up": LaneChange({"surface": {"level_db": 4.5}}),
+    "surface's echo 9 dB up": LaneChange({"surface": {"level_db": 9.0}}),
+    "mines level": LaneChange(mine={"tilt": 0.0}),
+    "mines straight ahead": LaneChange(mine={"x": 0.0}),
+    "no holes over mines": LaneChange(_UNDUG),
+    "smooth way through the surface": LaneChange(_NO_SCREEN),
+    "mines level, straight ahead, undug, under a smooth surface": LaneChange(
+        _UNDUG | _NO_SCREEN, {"tilt": 0.0, "x": 0.0}
+    ),
 }
 """What is changed on the lanes, by its name."""
 
@@ -141,9 +123,9 @@ def trials(
     visible_file = folder / "reasons" / f"visible-{key}.json"
     levels = read_or_make(visible_file, partial(visibility_record, recipe))
     return [
-        *eigenvalue_trials(records),
+        *declared_trials("cosgrove2004", "eigenvalue", records),
         *correlation_trials(records, alone),
-        *moment_trials(records),
+        *declared_trials("cosgrove2004", "moment", records),
         *visibility_trials(levels),
     ]
 
@@ -366,162 +348,21 @@ def deflection_pd(recipe: StudyRecipe, training: Training, test: Sequence[Look])
     return float(pd_at(curve, recipe.score.pfa))
 
 
-def eigenvalue_trials(records: Records) -> list[Trial]:
-    """Return trials of why eigenvalues of dry sand (Sec. IV-A) and Pd differ from the paper's."""
-    return [
-        *_second_eigenvalue_trials(records),
-        *_small_eigenvalue_trials(records),
-        *_pd_trials(records),
-    ]
-
-
-def _second_eigenvalue_trials(records: Records) -> list[Trial]:
-    """Return trials of why the second eigenvalue is large."""
-    question = Question("Eigenvalue 2 is 0.089 of the first (dry sand)", "σ2/σ1", _sample(records))
-    rule = 0.0, 2 * PAPER_RATIOS[1]
-    unlike = "mines that differ in tilt, place, hole and way through the surface make it large"
-    humps = "a training cut at the brightest place lies now on one hump and now on the other"
-    surveyed = _ratio(records, "nothing", 2, "surveyed_ratios")
-    return [
-        *(question.shown(name, _ratio(records, name, 2)) for name in ("nothing", *_ONE_BY_ONE)),
-        question.asked(unlike, _ALIKE, _ratio(records, _ALIKE, 2), rule),
-        question.asked(humps, _BY_SURVEY, surveyed, rule),
-    ]
-
-
-def _small_eigenvalue_trials(records: Records) -> list[Trial]:
-    """Return trials of why eigenvalues 5 and 6 differ from the paper's."""
-    trial_list = []
-    for number in (5, 6):
-        paper = PAPER_RATIOS[number - 1]
-        statement = f"Eigenvalue {number} is {paper} of the first (dry sand)"
-        question = Question(statement, f"σ{number}/σ1", _sample(records))
-        ratios = {name: _ratio(records, name, number) for name in _ECHOES}
-        trial_list += _echo_trials(question, ratios, (0.5 * paper, 2 * paper))
-    return trial_list
-
-
-def _pd_trials(records: Records) -> list[Trial]:
-    """Return trials of why Pd of the best soil differs from the paper's."""
-    half = 1.96 * math.sqrt(PAPER_PD * (1 - PAPER_PD) / PAPER_LOOKS)
-    question = Question(
-        "Pd is about 0.9 in the best soil", "Pd at 0.01 per m², M' = 3", _sample(records)
-    )
-    pds = {}
-    for name in _ECHOES:
-        pds[name] = students([record["pd"] for record in records[name]], bounds=(0.0, 1.0))
-    return _echo_trials(question, pds, (PAPER_PD - half, PAPER_PD + half))
-
-
-def _echo_trials(
-    question: Question, values: Mapping[str, Interval], predicted: Bounds
-) -> list[Trial]:
-    """Return trials of whether the surface's echo, too weak here, is the reason."""
-    why = "the surface's echo is 4 to 5 dB weaker here than on the paper's lane"
-    trial_list = []
-    for name, value in values.items():
-        asked = why if name == _STRONGER else ""
-        trial_list.append(question.asked(asked, name, value, predicted))
-    return trial_list
-
-
 def correlation_trials(records: Records, alone: Mapping[str, Sequence[float]]) -> list[Trial]:
     """Return trials of why mines are less correlated in HH and VV than clutter (III-C).
 
     Clutter, radar, mine and measure are changed, one at a time.
     """
-    sample = _sample(records)
-    statement = "A mine is better correlated between HH and VV than clutter"
-    along = Question(statement, "correlation along the cut: mines less clutter", sample)
-    of_clutter = Question(statement, "correlation of clutter along a cut", sample)
-    over_looks = Question(
-        statement, "correlation over looks, pixel by pixel: mines less clutter", sample
-    )
-    mines_alone = f"{len(alone['mine'])} mines"
-    of_echoes = Question(statement, "correlation", mines_alone)
-    clutter = [record["clutter"] for record in records["nothing"]]
-    level = float(np.mean(clutter))
+    lanes = records["nothing"]
+    level = float(np.mean([lane["clutter"] for lane in lanes]))
     best = int(np.argmax(alone["mine_by_shift"]))
-    shifted = [record["mine_by_shift"][best] - record["clutter"] for record in records["nothing"]]
-    return [
-        along.shown("nothing", _gap(records, "nothing")),
-        along.asked(
-            "the clutter's correlation of 0.8, which is assumed, is too high",
-            _UNCORRELATED,
-            _gap(records, _UNCORRELATED),
-            ABOVE_ZERO,
-        ),
-        of_clutter.shown("nothing", students(clutter)),
-        of_clutter.shown(_UNCORRELATED, _measure(records, _UNCORRELATED, "clutter")),
-        of_echoes.asked(
-            "radar and imaging part HH and VV",
-            "corner reflectors alone, the same echo in HH and VV",
-            students(alone["reflector"], bounds=(0.0, 1.0)),
-            (0.0, 0.9),
-        ),
-        replace(along, sample=mines_alone).asked(
-            "the mine's own echoes in HH and VV differ along the cut more than the clutter's",
-            "mines alone, without clutter",
-            students([value - level for value in alone["mine"]]),
-            BELOW_ZERO,
-        ),
-        along.asked(
-            "the humps of HH and VV stand a few centimetres apart",
-            f"VV of the mines shifted by {2 * SHIFTS[best]:+d} cm, as is best for mines alone",
-            students(shifted),
-            ABOVE_ZERO,
-        ),
-        over_looks.asked(
-            "the measure: what the paper means is a correlation over looks, and not along a cut",
-            "measured over looks",
-            _gap(records, "nothing", "_over_looks"),
-            ABOVE_ZERO,
-        ),
-    ]
-
-
-def moment_trials(records: Records) -> list[Trial]:
-    """Return trials of what makes whitened clutter other than Gaussian (II-A).
-
-    Mines, what is strewn on and in the soil, and a patchy surface are taken out.
-    """
-    sample = _sample(records)
-    statement = "Clutter may be modelled as complex Gaussian after whitening"
-    full = f"at least {FILLED:g} of white noise's power"
-    moment = Question(statement, "E|z|⁴/(E|z|²)² of whitened clutter", sample)
-    share = Question(statement, f"share of whitened directions with {full}", sample)
-    in_filled = Question(statement, f"the same in directions with {full}", sample)
-    levelled = Question(
-        statement, "the same, cuts brought to one level of every look and distance", sample
-    )
-    names = ("nothing", _NO_MINES, _NOTHING, _EVEN_ECHO)
-    filled = [record["share_filled"] for record in records["nothing"]]
-    return [
-        *(moment.shown(name, _measure(records, name, "fourth_moment")) for name in names),
-        moment.asked(
-            "stones, wet patches, empty holes, sidelobes of mines and a patchy surface make the "
-            "tail",
-            _NONE_OF_THEM,
-            _measure(records, _NONE_OF_THEM, "fourth_moment"),
-            _GAUSSIAN,
-        ),
-        share.shown("nothing", students(filled, bounds=(0.0, 1.0))),
-        in_filled.asked(
-            "directions in which cuts of five samples per resolution cell hold no clutter make it "
-            "large",
-            "nothing",
-            _measure(records, "nothing", "filled"),
-            (0.0, 4.0),
-        ),
-        *(levelled.shown(name, _measure(records, name, "levelled")) for name in names),
-        levelled.asked(
-            "what is left is the clutter's level, which differs with distance and from look to "
-            "look",
-            _NONE_OF_THEM,
-            _measure(records, _NONE_OF_THEM, "levelled"),
-            _GAUSSIAN,
-        ),
-    ]
+    more = {
+        "reflectors": [{"mine": value} for value in alone["reflector"]],
+        "mines alone": [{"mine": value, "clutter": level} for value in alone["mine"]],
+        "shifted": [lane | {"mine": lane["mine_by_shift"][best]} for lane in lanes],
+    }
+    shift = {"centimetres": 2 * SHIFTS[best]}
+    return declared_trials("cosgrove2004", "correlation", {**records, **more}, **shift)
 
 
 def visibility_trials(levels: Sequence[Sequence[float]]) -> list[Trial]:
@@ -529,35 +370,9 @@ def visibility_trials(levels: Sequence[Sequence[float]]) -> list[Trial]:
 
     The rule asks for a quantile of the clutter.
     """
-    question = Question(
-        "Three mines are readily visible at 15, 20 and 25 m (HH)",
-        "peak over that of the strongest clutter box at its range, HH",
-        f"{len(levels)} seeds",
-        "dB",
-    )
-    trial_list = []
-    for number, (_, y) in enumerate(WIDE_MINES):
-        level = students([of_seed[number] for of_seed in levels])
-        trial_list.append(question.shown(f"the mine at {y:g} m", level))
-    return trial_list
-
-
-def _gap(records: Records, name: str, measured: str = "") -> Interval:
-    """Return the interval over seeds of the correlation of mines less that of clutter."""
-    gaps = [record[f"mine{measured}"] - record[f"clutter{measured}"] for record in records[name]]
-    return students(gaps)
-
-
-def _measure(records: Records, name: str, measure: str) -> Interval:
-    """Return a measure's interval over seeds."""
-    return students([record[measure] for record in records[name]])
-
-
-def _ratio(records: Records, name: str, number: int, measure: str = "ratios") -> Interval:
-    """Return the interval over seeds of one ratio of eigenvalues."""
-    return students([record[measure][number - 1] for record in records[name]])
-
-
-def _sample(records: Records) -> str:
-    """Return the number of seeds in words."""
-    return f"{len(records['nothing'])} seeds"
+    places = zip(WIDE_MINES, zip(*levels, strict=True), strict=True)
+    records = {
+        f"the mine at {y:g} m": [{"level": level} for level in of_mine]
+        for (_, y), of_mine in places
+    }
+    return declared_trials("cosgrove2004", "visibility", records)

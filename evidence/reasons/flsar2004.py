@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 import flgpr
 from flgpr.features import mean_template, principal_templates
 from flgpr.progress import Track, silent
-from flgpr.screen import find_clusters
 from flgpr_papers.flsar2004.examples import (
     MAIN,
     VARIANTS,
     Site,
     Variant,
+    clutter_clusters,
     clutter_past_prescreeners,
     join,
     learn_screen,
@@ -34,9 +34,17 @@ from flgpr_papers.flsar2004.examples import (
     signatures,
 )
 from flgpr_papers.flsar2004.findings import (
+    SHALLOW,
+    SURFACE,
+    Examples,
+    Material,
     Measure,
+    open_area,
+    pick_examples,
+    prepare,
     ratio_interval,
     spread_of_folds,
+    thin_examples,
 )
 from flgpr_papers.flsar2004.lanes import Settings, drive, load_settings
 from flgpr_papers.flsar2004.machines import (
@@ -48,16 +56,6 @@ from flgpr_papers.flsar2004.machines import (
     one_class,
     rvm,
     svm,
-)
-from flgpr_papers.flsar2004.material import (
-    SHALLOW,
-    SURFACE,
-    Examples,
-    Material,
-    open_area,
-    pick_examples,
-    prepare,
-    thin_examples,
 )
 from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.intervals import SHARE, Bounds, Interval, clip, proportion
@@ -356,25 +354,18 @@ def relative_deviation(settings: Settings, site: Site, screen: Any) -> tuple[int
     screen : ClusterScreen
         The prescreeners, trained on them.
     """
-    all_mines = site.mines[["x", "y"]].to_numpy(dtype=np.float64)
     subset = site.mines.loc[site.mines["subset"], ["x", "y"]].to_numpy(dtype=np.float64)
     counts = np.zeros(2, dtype=np.int64)
-    for channel, (_, limits) in screen.channels(site.view):
-        clusters = find_clusters(channel, limits.amplitude, screen.settings.forming)
+    halo = settings.prescreen.halo
+    for _, _, limits, clusters, is_clutter in clutter_clusters(site, screen, halo):
         spread = (clusters["std"] / clusters["mean"]).to_numpy()
         positions = clusters[["x", "y"]].to_numpy(dtype=np.float64)
         from_subset = np.linalg.norm(positions[:, None] - subset, axis=2)
         # Clusters come from strong to weak: the first within reach is a mine's own.
-        neighbours = []
-        for distances in from_subset.T:
-            within_reach = np.flatnonzero(distances <= screen.settings.reach)
-            if within_reach.size:
-                neighbours.append(int(within_reach[0]))
+        is_near = from_subset <= screen.settings.reach
+        neighbours = is_near.argmax(axis=0)[is_near.any(axis=0)]
         limit = float(spread[neighbours].max())
-        in_lane = np.logical_or.reduce([lane.contains(*positions.T) for lane in site.lanes])
-        from_mines = np.linalg.norm(positions[:, None] - all_mines, axis=2).min(axis=1)
-        is_large = (clusters["size"] >= limits.size).to_numpy()
-        clutter = in_lane & (from_mines > settings.prescreen.halo) & is_large
+        clutter = is_clutter & (clusters["size"] >= limits.size).to_numpy()
         counts += [clutter.sum(), (clutter & (spread <= limit)).sum()]
     return int(counts[0]), int(counts[1])
 

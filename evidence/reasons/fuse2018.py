@@ -23,9 +23,8 @@ import flgpr
 from flgpr.imaging import ImagingOperator
 from flgpr.progress import Track, silent
 from flgpr.stages.masks import Aperture, OperatorOn
-from flgpr_papers.fuse2018.findings import KEPT
+from flgpr_papers.fuse2018.findings import KEPT, own_changes
 from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, fuse_recipe, simulate_lane
-from flgpr_papers.fuse2018.powers import own_changes
 from flgpr_papers.fuse2018.process import result_key, stored_calibration
 from flgpr_papers.fuse2018.records import halo_of, targets_in_area
 from flgpr_papers.fuse2018.study import LANES, lane_result

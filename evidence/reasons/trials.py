@@ -12,11 +12,17 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Sequence
+import tomllib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from pathlib import Path
+from typing import Any
 
-from flgpr_papers.kit.findings import AGREES, DISAGREES, UNDECIDED, Finding, decimals, judge
-from flgpr_papers.kit.intervals import Bounds, Interval
+import numpy as np
+
+from flgpr_papers.kit.findings import AGREES, DISAGREES, UNDECIDED, Finding, in_words, judge
+from flgpr_papers.kit.intervals import Bounds, Interval, students
 
 HOLDS = "holds"
 REFUTED = "refuted"
@@ -76,14 +82,7 @@ class Trial:
     @property
     def ours(self) -> str:
         """The number with its interval in words."""
-        value, low, high = self.interval
-        unit = f" {self.unit}" if self.unit else ""
-        if math.isnan(value):
-            return "nothing to measure"
-        if not math.isfinite(high - low):
-            return f"{value:.3g}{unit} (no interval)"
-        digits = decimals((value, low, high), high - low)
-        return f"{value:z.{digits}f}{unit} ({low:z.{digits}f} to {high:z.{digits}f})"
+        return in_words(*self.interval, self.unit, "no interval")
 
     @property
     def prediction(self) -> str:
@@ -126,6 +125,53 @@ class Question:
         return Trial(
             self.statement, why, changed, self.quantity, interval, self.sample, rule, self.unit
         )
+
+
+def declared_trials(
+    paper: str, part: str, records: Mapping[str, Sequence[Any]], **fields: Any
+) -> list[Trial]:
+    """Return the trials that the file of a paper beside this module declares for a part.
+
+    A question has ``statement``, ``quantity``, ``unit`` and the ``number`` of every record that is
+    averaged: its name, keys from table to table with points between them, or the difference of two.
+    ``bounds`` are its least and largest value, and ``sample`` names what is counted. Of its
+    ``trials`` each says what is ``changed``, ``of`` which records it is where they have another
+    name, and what an ``explanation`` has ``predicted``.
+
+    Parameters
+    ----------
+    paper, part : str
+        Name of the file, and of the table in it.
+    records : mapping of str to sequence
+        What was measured, by what was changed.
+    **fields
+        What stands for the fields in braces.
+    """
+    declared = tomllib.loads(Path(__file__).with_name(f"{paper}.toml").read_text("utf-8"))
+    trials = []
+    for question in declared[part]:
+        bounds = question.get("bounds")
+        for trial in question["trials"]:
+            of = records[trial.get("of", trial["changed"])]
+            values = [_number(record, question["number"]) for record in of]
+            count = int(np.isfinite(values).sum())
+            sample = question.get("sample", "{count} seeds").format(count=count, **fields)
+            texts = question["statement"], question["quantity"], sample, question.get("unit", "")
+            changed = trial["changed"].format(**fields)
+            rule = tuple(trial["predicted"]) if "predicted" in trial else None
+            interval = students(values, bounds=bounds)
+            why = trial.get("explanation", "")
+            trials.append(Question(*texts).asked(why, changed, interval, rule))
+    return trials
+
+
+def _number(record: Any, name: str) -> float:
+    """Return a number of a record by its name, or the difference of two."""
+    first, *rest = [
+        reduce(lambda table, key: table[int(key) if key.isdigit() else key], one.split("."), record)
+        for one in name.split(" - ")
+    ]
+    return float(first - sum(rest))
 
 
 def road_trials(as_found: Sequence[Finding], prepared: Sequence[Finding]) -> list[Trial]:

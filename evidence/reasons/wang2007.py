@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -29,13 +30,13 @@ from flgpr.screen import RunViewSums, view_array
 from flgpr.simulate import BARE, EVEN, Scene, simulate
 from flgpr.simulate.bodies.signature.table import body_size
 from flgpr_papers.kit.cache import key_of, read_or_make
-from flgpr_papers.kit.intervals import Bounds, Interval, proportion, students
+from flgpr_papers.kit.intervals import Bounds, Interval, proportion
 from flgpr_papers.kit.mines import MIXES, mix_draws
 from flgpr_papers.kit.scenes import changed
 from flgpr_papers.kit.study_worlds import OWN, study_world
 from flgpr_papers.wang2007.analysis import LaneResult, clutter_levels, stands_out
 from flgpr_papers.wang2007.lanes import F1_BAND, TRACK, f1_alone, sensor
-from reasons.trials import ABOVE_ZERO, BELOW_ZERO, Question, Trial
+from reasons.trials import Question, Trial, declared_trials
 
 FloatArray = NDArray[np.float64]
 Record = Mapping[str, Any]
@@ -108,10 +109,6 @@ MINE_CHANGES: dict[str, tuple[str, dict[str, dict[str, Any]]]] = {
     ),
 }
 """Mix or body of the plastic mines, and entries of the scene's parts, by what is changed."""
-_MEASURED = {
-    "view": ("run-view by stretches of 10 m", "stretches"),
-    "scans": ("scan images from 8 to 16 m", "scan images"),
-}
 _FOUND: Bounds = (0.75, 1.0)  # the paper's 90 % less the margin of the study's rule
 _ALL_FOUND: Bounds = (0.85, 1.0)  # its 100 % less that margin
 
@@ -333,52 +330,11 @@ def mine_record(scene: Scene, seed: int) -> dict[str, Any]:
 
 def clutter_trials(records: Mapping[str, Sequence[Record]]) -> list[Trial]:
     """Return trials of what makes clutter in HH stand out less in F2 than in F1 (Fig. 8)."""
-    why = {
-        _TARGETS: "sidelobes of targets stand out more in F1",
-        _STREWN: "stones, lenses, holes and uneven soil stand out more in F1",
-        _BESIDE: "posts and bushes beside the lane stand out more in F1",
-    }
-    trial_list = [_gap_trial(records, "nothing")]
-    for name, explanation in why.items():
-        trial_list.append(_gap_trial(records, name, explanation, ABOVE_ZERO))
-    echo = "the surface's own speckle stands out less the higher the sub-band"
-    trial_list.append(_gap_trial(records, _SURFACE))
-    trial_list += _higher_bands(records, _SURFACE)
-    trial_list.append(_gap_trial(records, _EVEN_SURFACE, echo, BELOW_ZERO))
-    trial_list += _higher_bands(records, _EVEN_SURFACE)
-    view = (
-        "the run-view, which takes the second largest of several looks; the paper shows scan images"
-    )
-    trial_list.append(_gap_trial(records, "nothing", view, ABOVE_ZERO, where="scans"))
-    return trial_list + _higher_bands(records, "nothing", "scans")
-
-
-def _higher_bands(
-    records: Mapping[str, Sequence[Record]], name: str, where: str = "view"
-) -> list[Trial]:
-    """Return the same of F3 and F4, for comparison."""
-    return [_gap_trial(records, name, band=band, where=where) for band in ("F3", "F4")]
-
-
-def _gap_trial(
-    records: Mapping[str, Sequence[Record]],
-    name: str,
-    explanation: str = "",
-    predicted: Bounds | None = None,
-    band: str = "F2",
-    where: str = "view",
-) -> Trial:
-    """Return a trial of a band's clutter less that of F1."""
-    table = pd.concat([pd.DataFrame(record[where]) for record in records[name]])
-    gap = (table[f"HH {band}"] - table["HH F1"]).dropna().to_numpy(dtype=np.float64)
-    measured, unit_of_sample = _MEASURED[where]
-    question = Question(
-        "Sub-band F1 has the lowest level of clutter, in VV and HH",
-        f"99 % quantile over median, HH {band} less HH F1, {measured}",
-        f"{gap.size} {unit_of_sample} of {len(records[name])} lanes",
-        "dB",
-    )
-    return question.asked(explanation, name, students(gap), predicted)
+    rows = {}
+    for name, of_lanes in records.items():
+        rows[name] = list(chain.from_iterable(record["view"] for record in of_lanes))
+        rows[f"scans: {name}"] = list(chain.from_iterable(record["scans"] for record in of_lanes))
+    return declared_trials("wang2007", "clutter", rows, lanes=len(records["nothing"]))
 
 
 def mine_trials(records: Mapping[str, Sequence[Record]]) -> list[Trial]:

@@ -13,8 +13,8 @@ from flgpr_papers.cosgrove2004.recipe import study_recipe
 from flgpr_papers.cosgrove2004.study import run_seed
 from flgpr_papers.flsar2004.examples import join
 from flgpr_papers.flsar2004.experiment import JUDGED
+from flgpr_papers.flsar2004.findings import prepare
 from flgpr_papers.flsar2004.lanes import drive, load_settings
-from flgpr_papers.flsar2004.material import prepare
 from flgpr_papers.fuse2018.findings import paper_findings
 from flgpr_papers.fuse2018.lanes import fuse_recipe, simulate_lane
 from flgpr_papers.fuse2018.process import (

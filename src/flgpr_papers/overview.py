@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import import_module
-from io import StringIO
 from pathlib import Path
 from typing import Any
+
+import pandas as pd
 
 from flgpr.jobs.workers import Executor, InProcess, Processes
 from flgpr.progress import Track, silent
@@ -95,11 +96,10 @@ def _run_all_studies(folder: Path, quick: bool, track: Track, workers: int, worl
     overview = folder / overview_name(world)
     executor = Processes(workers) if workers > 1 else InProcess()
     with log_if_unchanged(overview), executor:
+        finished: Iterable[dict[str, Any]] = (study_page(*job, track) for job in jobs)
         if workers > 1:
             _run_parts(executor, jobs, track)
             finished = track(executor.run(study_page, jobs), "papers", len(jobs))
-        else:
-            finished = (study_page(*job, track) for job in jobs)
         for written in finished:
             pages[written["paper"]] = Path(written["page"]).relative_to(folder)
             write_overview(folder, pages, quick, world)
@@ -108,14 +108,9 @@ def _run_all_studies(folder: Path, quick: bool, track: Track, workers: int, worl
 
 def _run_parts(executor: Executor, jobs: Sequence[Job], track: Track) -> None:
     """Run the parts of several studies, so that their pages find the results on disk."""
-    whole: list[Any] = []
-    parts: list[Any] = []
-    for paper, folder, quick, world in jobs:
-        for part in parts_of(paper, quick):
-            job = (paper, folder, quick, world, part)
-            (whole if part is None else parts).append(job)
+    part_jobs = [(*job, part) for job in jobs for part in parts_of(job[0], job[2])]
     # A study without parts is one long job: it starts first, so that no worker waits for it.
-    part_jobs = whole + parts
+    part_jobs.sort(key=lambda job: job[-1] is not None)
     for _ in track(executor.run(study_part, part_jobs), "parts of the studies", len(part_jobs)):
         pass
 
@@ -142,10 +137,11 @@ def write_overview(folder: Path, pages: Mapping[str, Path], quick: bool, world: 
     world : str
         World of the studies, see :func:`reproduce`.
     """
-    verdicts = {}
-    for paper in PAPERS:
-        if paper in pages:
-            verdicts[paper] = verdict_rows(world_folder(folder / paper, world))
+    verdicts = {
+        paper: verdict_rows(world_folder(folder / paper, world))
+        for paper in PAPERS
+        if paper in pages
+    }
     table_name = "verdicts.csv" if world == OWN else f"verdicts-{world}.csv"
     write_whole(folder / table_name, verdicts_csv(verdicts))
     other_overview = overview_name(AS_FOUND if world == OWN else OWN)
@@ -247,17 +243,11 @@ def verdict_rows(folder: Path) -> list[VerdictRow]:
     """
     rows = []
     for finding in read_findings(folder):
-        if finding.verdict == OPEN:
-            continue
-        details = []
-        if finding.quantity:
-            details.append(finding.quantity)
-        if finding.group:
-            details.append(f"{finding.group} lanes")
-        claim = finding.claim
-        if details:
-            claim = f"{claim} ({'; '.join(details)})"
-        rows.append((claim, finding.paper, finding.ours, finding.verdict))
+        if finding.verdict != OPEN:
+            lanes = f"{finding.group} lanes" if finding.group else ""
+            details = "; ".join(detail for detail in (finding.quantity, lanes) if detail)
+            claim = f"{finding.claim} ({details})" if details else finding.claim
+            rows.append((claim, finding.paper, finding.ours, finding.verdict))
     return rows
 
 
@@ -266,10 +256,6 @@ def verdicts_csv(verdicts: Mapping[str, Sequence[VerdictRow]]) -> str:
 
     The columns are paper, claim, stated (the figure of the paper), ours and verdict.
     """
-    text = StringIO()
-    table = csv.writer(text, quoting=csv.QUOTE_ALL, lineterminator="\n")
-    table.writerow(("paper", "claim", "stated", "ours", "verdict"))
-    for paper, rows in verdicts.items():
-        for row in rows:
-            table.writerow((paper, *row))
-    return text.getvalue()
+    rows = [(paper, *row) for paper, of_paper in verdicts.items() for row in of_paper]
+    table = pd.DataFrame(rows, columns=["paper", "claim", "stated", "ours", "verdict"])
+    return table.to_csv(index=False, quoting=csv.QUOTE_ALL, lineterminator="\n")

@@ -16,7 +16,7 @@ from flgpr_papers.fuse2018.lanes import fuse_recipe
 from flgpr_papers.kit.findings import measured, write_findings
 from reasons import __main__ as script
 from reasons import cosgrove2004, flsar2004, fuse2018, wang2007
-from reasons.trials import COLUMNS, Trial, road_trials, trials_csv
+from reasons.trials import COLUMNS, Trial, declared_trials, road_trials, trials_csv
 
 pytestmark = pytest.mark.slow("studies of papers")
 
@@ -115,11 +115,14 @@ def test_eigenvalues_speak_for_the_place_of_the_cuts():
                 "ratios": [r * (1 + 0.01 * k) for r in one["ratios"]],
                 "surveyed_ratios": [r * (1 + 0.01 * k) for r in one["surveyed_ratios"]],
             }
-    trials = cosgrove2004.eigenvalue_trials(found)
+    trials = declared_trials("cosgrove2004", "eigenvalue", found)
     said = {(one.statement, one.changed): one.outcome for one in trials if one.explanation}
     second = "Eigenvalue 2 is 0.089 of the first (dry sand)"
-    assert said[second, cosgrove2004._BY_SURVEY] == "holds"
-    assert said[second, cosgrove2004._ALIKE] == "refuted"
+    assert (
+        said[second, "training cuts placed by survey and refraction, not at the brightest place"]
+        == "holds"
+    )
+    assert said[second, "mines level, straight ahead, undug, under a smooth surface"] == "refuted"
 
 
 def test_a_bright_few_make_the_mean_template(rng):

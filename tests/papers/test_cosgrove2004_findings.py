@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from flgpr.scoring import pd_at
+from flgpr_papers.cosgrove2004.detect import FORMS, example_name
 from flgpr_papers.cosgrove2004.findings import (
     case_curve,
     contrast_table,
@@ -11,7 +12,6 @@ from flgpr_papers.cosgrove2004.findings import (
     pd_table,
 )
 from flgpr_papers.cosgrove2004.recipe import study_recipe
-from flgpr_papers.cosgrove2004.sweeps import FORMS, example_name
 from flgpr_papers.kit.findings import read_findings, write_findings
 from flgpr_papers.kit.intervals import students
 

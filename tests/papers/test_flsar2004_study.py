@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from unittest.mock import MagicMock
 
 import numpy as np
 import pandas as pd
@@ -17,8 +18,9 @@ from flgpr_papers.flsar2004 import examples as ex
 from flgpr_papers.flsar2004 import figures
 from flgpr_papers.flsar2004 import machines as ma
 from flgpr_papers.flsar2004 import study as flsar2004
+from flgpr_papers.flsar2004.findings import Results
 from flgpr_papers.flsar2004.lanes import Mines, Pass, _scene, load_settings
-from flgpr_papers.flsar2004.material import Results
+from flgpr_papers.kit import study
 from flgpr_papers.kit.findings import AGREES, DISAGREES, NO_VERDICT, OPEN, UNDECIDED, read_findings
 from flgpr_papers.kit.intervals import difference_of_shares
 from flgpr_papers.kit.scenes import turned
@@ -230,8 +232,9 @@ def reproduced(tmp_path_factory):
         text = page.read_text(encoding="utf-8")
         findings = (folder / "findings.json").read_bytes()
         patch.setattr(flsar2004, "PARTS", dict.fromkeys(flsar2004.PARTS, never))
-        patch.setattr(figures, "drawings", lambda *_: {})
-        flsar2004.STUDY.reproduce(folder, quick=True)
+        patch.setattr(study, "draw", lambda *_: b"")
+        undrawn = dataclasses.replace(flsar2004.STUDY, figures=MagicMock())
+        undrawn.reproduce(folder, quick=True)
     assert (folder / "findings.json").read_bytes() == findings
     return folder, text
 

@@ -15,7 +15,14 @@ from flgpr.scoring import pd_mean
 from flgpr.simulate import draw_world
 from flgpr_papers.fuse2018 import process
 from flgpr_papers.fuse2018 import study as fuse2018
-from flgpr_papers.fuse2018.findings import all_findings
+from flgpr_papers.fuse2018.findings import (
+    all_findings,
+    frame_spread,
+    mine_changes,
+    own_changes,
+    power_db,
+    strongest_boxes,
+)
 from flgpr_papers.fuse2018.fullwave import fullwave_study
 from flgpr_papers.fuse2018.lanes import (
     Frames,
@@ -28,13 +35,6 @@ from flgpr_papers.fuse2018.lanes import (
 )
 from flgpr_papers.fuse2018.matches import frame_match, lane_match, scored
 from flgpr_papers.fuse2018.poses import pose_study
-from flgpr_papers.fuse2018.powers import (
-    frame_spread,
-    mine_changes,
-    own_changes,
-    power_db,
-    strongest_boxes,
-)
 from flgpr_papers.fuse2018.process import calibrate, process_lane
 from flgpr_papers.fuse2018.records import example_arrays
 from flgpr_papers.fuse2018.suppression import VARIANTS, clean, stage_forms, suppressed_alone

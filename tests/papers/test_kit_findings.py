@@ -22,8 +22,8 @@ from flgpr_papers.kit.findings import (
     judge,
     measured,
     near,
+    of_parts,
     over_experiments,
-    parts_larger,
     power,
     read_findings,
     row_of,
@@ -220,7 +220,7 @@ def test_parts_that_hold_together_disagree_no_more_often_than_one():
                 [sample[rng.integers(0, 40, 40)].mean() for _ in range(50)],
                 together(3),
             )
-        wrong += parts_larger("all above", "", parts).verdict == DISAGREES
+        wrong += of_parts("all above", "", parts, (0.0, math.inf)).verdict == DISAGREES
     assert wrong / 1000 < 0.05
 
 
@@ -251,7 +251,9 @@ def test_no_share_lies_beyond_nought_and_one():
     assert one_sample.ours == "0.2 (one sample, no interval)"
     with pytest.raises(ValueError, match="interval of 'Pd' must lie in 0 to 1"):
         Finding("Pd", "", "", OPEN, interval=(0.5, -0.1, 0.9), bounds=SHARE)
-    gap = parts_larger("all above", "", {"a": (0.5, -1.4, 2.0)}, bounds=SHARE_DIFFERENCE)
+    gap = of_parts(
+        "all above", "", {"a": (0.5, -1.4, 2.0)}, (0.0, math.inf), bounds=SHARE_DIFFERENCE
+    )
     assert gap.interval == (0.5, -1.0, 1.0)
 
 

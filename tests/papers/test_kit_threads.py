@@ -6,7 +6,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from flgpr_papers import overview
-from flgpr_papers.kit.threads import one_blas_thread
+from flgpr_papers.kit.study import one_blas_thread
 
 pytestmark = pytest.mark.slow("studies of papers")
 

@@ -8,12 +8,14 @@ import pytest
 
 from flgpr.model import Lane
 from flgpr.recipe.schema import load_recipe
+from flgpr.scoring import pd_mean, roc_of
 from flgpr_papers.wang2007.analysis import (
+    FAR_MAX,
     MINES,
     LaneResult,
     matched,
 )
-from flgpr_papers.wang2007.costs import DIFFERENCES, paired_cost, pd_mean_of
+from flgpr_papers.wang2007.costs import DIFFERENCES, paired_cost
 
 pytestmark = pytest.mark.slow("studies of papers")
 
@@ -62,10 +64,11 @@ def test_the_cost_is_the_difference_of_pd_mean_with_either_area():
     # share of the 0.1 per m².
     first = one_lane([10.0, 30.0, 45.0], [3.0, 2.0, 1.0])
     second = one_lane([10.0, 30.0, 45.0], [3.0, 1.0, 2.0])
-    assert pd_mean_of(first, MINES, "paper") == 1
+    assert pd_mean(roc_of(first, MINES, area="paper"), FAR_MAX) == 1
     left = 100 - 2 * np.pi  # m², halos of 1 m lie within the lane: both rules agree
     behind = 1 - 1 / left / 0.1
-    assert pd_mean_of(second, MINES, "paper") == pytest.approx((1 + behind) / 2)
+    told = pd_mean(roc_of(second, MINES, area="paper"), FAR_MAX)
+    assert told == pytest.approx((1 + behind) / 2)
     value, low, high = paired_cost(first, second, MINES, "paper", "paper", 200)
     assert value == pytest.approx((1 - behind) / 2)
     assert 0 <= low <= value <= high <= 1

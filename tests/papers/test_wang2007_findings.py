@@ -5,7 +5,7 @@ import pytest
 
 from flgpr.features import FEATURES
 from flgpr_papers.kit.findings import all_of
-from flgpr_papers.wang2007.comparisons import contrast_lead
+from flgpr_papers.wang2007.findings import contrast_lead
 
 pytestmark = pytest.mark.slow("studies of papers")
 

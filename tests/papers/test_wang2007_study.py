@@ -41,7 +41,7 @@ from flgpr_papers.wang2007.analysis import (
 from flgpr_papers.wang2007.costs import Lanes, cost_table
 from flgpr_papers.wang2007.examples import series_scans
 from flgpr_papers.wang2007.findings import all_findings, blind_scores
-from flgpr_papers.wang2007.page import likeness
+from flgpr_papers.wang2007.study import likeness
 
 pytestmark = pytest.mark.slow("studies of papers")
 

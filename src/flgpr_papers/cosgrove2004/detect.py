@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -23,8 +24,91 @@ from flgpr.features import range_cuts, stack_channels
 from flgpr.kernels.moments import LEAST_OGK, sample_moments
 from flgpr.scoring import offset_boxes
 from flgpr.stages.forms import samples_at
-from flgpr_papers.cosgrove2004.images import Look
+from flgpr_papers.cosgrove2004.images import Look, lane_looks, lane_seed
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
+
+FORMS = ("deflection", "Neyman-Pearson")
+"""Detectors that are trained on the same examples."""
+_OTHER_LANE = 500  # seeds from here on are of the lanes from which examples come
+
+
+def example_name(form: str, rank: int, number: int) -> str:
+    """Return the name of a detector that is trained on a number of examples."""
+    return f"{form} of rank {rank}, {number} examples"
+
+
+def alone(polarization: str) -> str:
+    """Return the name of the deflection detector of one polarization."""
+    return f"{polarization} cuts alone"
+
+
+def example_looks(
+    recipe: StudyRecipe, site: str, seed: int, share: float = 1.0
+) -> dict[str, list[Look]]:
+    """Image further training mines of a site, on a lane of their own; as :func:`lane_looks`."""
+    of_site = recipe.sites[site]
+    # Two stops at least: the self-signature is a mean over them.
+    training = dict.fromkeys(of_site.training, max(2, round(recipe.sweeps.mines * share)))
+    more_mines = of_site.model_copy(update={"training": training, "test": {}})
+    other = recipe.model_copy(update={"sites": {**recipe.sites, site: more_mines}})
+    return lane_looks(other, site, seed + _OTHER_LANE)
+
+
+def example_detectors(
+    recipe: StudyRecipe, site: str, seed: int, training: Training, looks: Sequence[Look]
+) -> dict[str, ChipDetector]:
+    """Return the detectors trained on more and fewer examples, at every rank.
+
+    Parameters
+    ----------
+    recipe : StudyRecipe
+        The study.
+    site, seed
+        Of the lane under test; they fix the order in which examples are taken.
+    training : Training
+        Of the lane under test, whose clutter whitens the examples.
+    looks : sequence of Look
+        The examples.
+    """
+    cuts = training.whitener.transform(np.concatenate([target_cut(recipe, x) for x in looks]))
+    order = np.random.default_rng([lane_seed(recipe, site, seed), 36]).permutation(len(cuts))
+    trained = {}
+    for number, rank in product(recipe.sweeps.numbers, recipe.sweeps.ranks):
+        if number > len(cuts):
+            continue
+        detectors = (DeflectionDetector(rank, recipe.detector.ddof), NeymanPearsonDetector(rank))
+        for form, detector in zip(FORMS, detectors, strict=True):
+            forms = detector.fit(cuts[order[:number]]).forms_
+            trained[example_name(form, rank, number)] = chip_detector(
+                recipe, forms, training.whitener, recipe.cut.length
+            )
+    return trained
+
+
+def one_polarization(recipe: StudyRecipe, looks: Sequence[Look]) -> dict[str, Peaks]:
+    """Train and score the deflection detector on the cuts of each polarization by itself."""
+    peaks: dict[str, Peaks] = {}
+    for name in recipe.cut.polarizations:
+        cut = recipe.cut.model_copy(update={"polarizations": (name,)})
+        peaks |= _deflection(recipe.model_copy(update={"cut": cut}), looks, alone(name))
+    return peaks
+
+
+def other_bands(recipe: StudyRecipe, site: str, seed: int, share: float) -> dict[str, Peaks]:
+    """Train and score the deflection detector on images of the open lane in several bands."""
+    peaks: dict[str, Peaks] = {}
+    for name, looks in lane_looks(recipe, site, seed, share, recipe.sweeps.bands).items():
+        peaks |= _deflection(recipe, looks, name)
+    return peaks
+
+
+def _deflection(recipe: StudyRecipe, looks: Sequence[Look], name: str) -> dict[str, Peaks]:
+    """Train the deflection detector on the training looks and score it, by name, on the others."""
+    training = learn(recipe, [look for look in looks if look.trains])
+    detector = DeflectionDetector(recipe.detector.rank, recipe.detector.ddof).fit(training.white)
+    made = chip_detector(recipe, detector.forms_, training.whitener, recipe.cut.length)
+    return score_looks(recipe, [look for look in looks if not look.trains], {name: made})
+
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -157,12 +241,21 @@ def detectors(
     length = recipe.cut.length
     whitener = training.whitener
     rank = recipe.detector.rank
-    chip_detectors = _pixel_detectors(recipe, training)
+    polarizations = recipe.cut.polarizations
+    chip_detectors = {}
+    for k, name in enumerate(polarizations):
+        form = magnitude_form(len(polarizations), k)
+        chip_detectors[name] = chip_detector(recipe, [form], None, 1)
+    pwf = PolarimetricWhiteningFilter().fit(training.pixels)
+    chip_detectors["PWF"] = chip_detector(recipe, pwf.forms_, None, 1)
     if signatures is not None:
         mean, covariance = sample_moments(calibrated(training, signatures))
         form = deflection_form(mean, covariance, rank=rank)
         chip_detectors["trained on simulation"] = chip_detector(recipe, [form], whitener, length)
-    unshrunk = DeflectionDetector(rank, recipe.detector.ddof).fit(_rewhitened(training))
+    # The target cuts, whitened by sample moments instead.
+    back = np.linalg.solve(whitener.matrix_, training.white.T).T + whitener.mean_
+    rewhitened = np.asarray(training.unshrunk.transform(back))
+    unshrunk = DeflectionDetector(rank, recipe.detector.ddof).fit(rewhitened)
     chip_detectors["unshrunk clutter"] = chip_detector(
         recipe, unshrunk.forms_, training.unshrunk, length, detector=repr(unshrunk)
     )
@@ -171,18 +264,6 @@ def detectors(
             recipe, detector.forms_, whitener, length, detector=repr(detector)
         )
     return chip_detectors
-
-
-def _pixel_detectors(recipe: StudyRecipe, training: Training) -> dict[str, ChipDetector]:
-    """Return the detectors of single pixels: the polarizations, and their whitening filter."""
-    polarizations = recipe.cut.polarizations
-    pixel_detectors = {}
-    for k, name in enumerate(polarizations):
-        form = magnitude_form(len(polarizations), k)
-        pixel_detectors[name] = chip_detector(recipe, [form], None, 1)
-    pwf = PolarimetricWhiteningFilter().fit(training.pixels)
-    pixel_detectors["PWF"] = chip_detector(recipe, pwf.forms_, None, 1)
-    return pixel_detectors
 
 
 def _cut_detectors(
@@ -205,12 +286,6 @@ def _cut_detectors(
     if sand_cuts is not None:
         trained["trained on sand"] = DeflectionDetector(rank, ddof).fit(sand_cuts)
     return trained
-
-
-def _rewhitened(training: Training) -> ComplexArray:
-    """Return the target cuts whitened by sample moments instead."""
-    back = np.linalg.solve(training.whitener.matrix_, training.white.T).T + training.whitener.mean_
-    return np.asarray(training.unshrunk.transform(back))
 
 
 def calibrated(training: Training, signatures: ComplexArray) -> ComplexArray:
@@ -262,15 +337,17 @@ def score_looks(
         has_rock = (distance <= score.box / 2 + score.rock).any(axis=1)
         for name, detector in chip_detectors.items():
             value = detector.likelihood(stack)
-            target, target_quantile = box_values(value, x, y, mine_box, score.box, score.quantile)
-            clutter, clutter_quantile = box_values(
-                value, x, y, clutter_boxes, score.box, score.quantile
-            )
             scores = peaks[name]
-            scores.target += target.tolist()
-            scores.target_quantile += target_quantile.tolist()
-            scores.clutter += clutter.tolist()
-            scores.clutter_quantile += clutter_quantile.tolist()
+            for boxes, peak, high in (
+                (mine_box, scores.target, scores.target_quantile),
+                (clutter_boxes, scores.clutter, scores.clutter_quantile),
+            ):
+                for values, kept in zip(
+                    box_values(value, x, y, boxes, score.box, score.quantile),
+                    (peak, high),
+                    strict=True,
+                ):
+                    kept += values.tolist()
             scores.depth.append(look.depth)
             scores.rock += has_rock.tolist()
     return peaks
@@ -304,8 +381,7 @@ def box_values(
     peak, quantile : (box,) ndarray
         NaN for a box without any other pixel than NaN.
     """
-    peak = np.full(len(centre), np.nan)
-    high = np.full(len(centre), np.nan)
+    peak, high = np.full((2, len(centre)), np.nan)
     for number, (px, py) in enumerate(centre):
         columns = slice(*np.searchsorted(x, [px - box / 2, px + box / 2]))
         rows = slice(*np.searchsorted(y, [py - box / 2, py + box / 2]))
@@ -348,8 +424,7 @@ def eigenvalue_ratios(
     examples = training.white if cuts is None else cuts
     detector = DeflectionDetector(ddof=recipe.detector.ddof).fit(examples)
     sigma = detector.eigenvalues_.copy()
-    reached = sigma.size - int(detector.n_unseen_)
-    sigma[reached:] = np.nan
+    sigma[sigma.size - int(detector.n_unseen_) :] = np.nan
     return np.asarray(sigma[:6] / sigma[0])
 
 

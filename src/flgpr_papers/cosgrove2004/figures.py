@@ -3,172 +3,169 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from flgpr.scoring import pd_at
-from flgpr_papers.cosgrove2004.findings import SOILS, Case, case_curve, example_means
-from flgpr_papers.cosgrove2004.images import PointResponse, study_sensor
+from flgpr_papers.cosgrove2004.findings import Case, case_curve, example_means, found_looks
+from flgpr_papers.cosgrove2004.images import (
+    WIDE_MINES,
+    PointResponse,
+    signature_cuts,
+    study_sensor,
+)
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
-from flgpr_papers.kit.figures import decibels, show, subplots
+from flgpr_papers.kit.figures import Figures, colour_bar, decibels, show
 
+_figure = Figures("cosgrove2004")
 _STYLE = {"HH": ("#c1440e", "--"), "VV": ("#1b5e9b", "-")}
+Panels = NDArray[Any]
 _ZOOMED = 0.9  # Pd; a panel whose curves all lie above it is enlarged
 _CURVES = {"deflection": "#1b1b1b", "PWF": "#1b5e9b", "HH": "#c1440e"}
 
 
-def geometry(recipe: StudyRecipe) -> Figure:
+@dataclass(frozen=True)
+class Measured:
+    """What the study has measured, for its figures."""
+
+    recipe: StudyRecipe  #: the study
+    #: cases of every seed by surroundings and site
+    cases: Mapping[str, Mapping[str, Sequence[Case]]]
+    responses: Mapping[str, PointResponse]  #: to a point, with and without the ramp
+    image: xr.DataArray  #: of three mines in dry sand, first seed
+
+
+def _columns(measured: Measured, _: str) -> dict[str, Any]:
+    """Return a column of panels for every soil."""
+    return {"columns": len(measured.recipe.soils)}
+
+
+@_figure
+def geometry(panels: Panels, measured: Measured) -> None:
     """Draw the collection geometry in plan and from the side (Fig. 1)."""
+    plan, side = panels
+    recipe = measured.recipe
     sensor = study_sensor(recipe)
     tx, _ = sensor.pairs()
     far = recipe.radar.range
     x0, x1 = recipe.image.x
     y0, y1 = recipe.image.y
-    figure, (plan, side) = subplots(9, 4.6, 2, 1, sharex=True, height_ratios=[2, 1])
     antennas = f"{len(tx)} positions of the antenna pair"
     plan.plot(tx[:, 1], tx[:, 0], ".", ms=3, color="#1b5e9b", label=antennas)
     image = Rectangle((y0, x0), y1 - y0, x1 - x0, fill=False, color="#1b1b1b", label="image")
     plan.add_patch(image)
-    half = recipe.radar.stop_spacing / 2
-    corner = far - half, x0
-    searched = Rectangle(corner, 2 * half, x1 - x0, color="#ddd", label="boxes are taken here")
+    width = recipe.radar.stop_spacing
+    corner = far - width / 2, x0
+    searched = Rectangle(corner, width, x1 - x0, color="#ddd", label="boxes are taken here")
     plan.add_patch(searched)
     plan.plot([far], [0], "s", color="#c1440e", label="mine")
-    plan.set(ylabel="cross-track (m)", ylim=(-3.5, 3.5))
-    plan.legend(loc="upper left", fontsize=8, ncols=2)
     side.plot([0], [sensor.height], "o", color="#1b5e9b")
     side.plot([0, far], [sensor.height, 0], "-", lw=0.8, color="#1b5e9b")
     side.axhline(0, color="#8a6d3b")
     side.plot([far], [-0.1], "s", color="#c1440e")
-    side.set(
-        xlabel="down-track from the stop (m)",
-        ylabel="height (m)",
-        xlim=(-1, 20),
-        ylim=(-0.8, sensor.height + 1),
-    )
-    return figure
+    side.set_ylim(-0.8, sensor.height + 1)
 
 
-def sample_image(image: xr.DataArray) -> Figure:
+@_figure
+def sample_image(axes: Axes, measured: Measured) -> None:
     """Show the HH image of three mines (Fig. 2)."""
-    figure, axes = subplots(8.5, 4.2)
+    image = measured.image
     x = image["x"].values
     y = image["y"].values
     magnitude = np.abs(image.sel(polarization="HH").values).astype(np.float64)
     level = decibels(magnitude / np.median(magnitude, axis=1, keepdims=True))
     shown = show(axes, level.T, (y[0], y[-1], x[0], x[-1]), 0, 25, cmap="gray")
-    figure.colorbar(shown, ax=axes, label="dB over the median of the range", shrink=0.8)
-    for at, (px, py) in enumerate(((-0.6, 15), (0.5, 20), (0.0, 25))):
+    colour_bar(axes, shown, "dB over the median of the range", shrink=0.8)
+    for number, (px, py) in enumerate(WIDE_MINES, start=1):
         axes.add_patch(Rectangle((py - 0.5, px - 0.5), 1, 1, fill=False, color="#ffb347", lw=1))
-        axes.text(py, px + 0.6, f"mine {at + 1}", color="#ffb347", ha="center", fontsize=8)
-    axes.set(xlabel="down-track (m)", ylabel="cross-track (m)")
-    return figure
+        axes.text(py, px + 0.6, f"mine {number}", color="#ffb347", ha="center", fontsize=8)
 
 
-def simulated_signature(offset: NDArray[np.float64], cuts: NDArray[np.complex64]) -> Figure:
+@_figure
+def simulated_signature(axes: Axes, measured: Measured) -> None:
     """Show range cuts through a mine without clutter (Fig. 3)."""
-    figure, axes = subplots(6, 3.4)
-    for name, cut in zip(("HH", "VV"), cuts, strict=True):
-        colour, dash = _STYLE[name]
-        level = np.abs(cut) / np.abs(cuts).max()
-        axes.plot(offset, level, dash, color=colour, label=name)
-    axes.set(
-        xlabel="behind the mine's centre (m)", ylabel="magnitude", xlim=(-0.6, 1.0), ylim=(0, None)
-    )
-    axes.legend()
-    return figure
+    offset, cuts = signature_cuts(measured.recipe)
+    for (name, (colour, dash)), cut in zip(_STYLE.items(), cuts, strict=True):
+        axes.plot(offset, np.abs(cut) / np.abs(cuts).max(), dash, color=colour, label=name)
 
 
-def imaged_signatures(recipe: StudyRecipe, cuts: Sequence[Mapping[str, Any]]) -> Figure:
+@_figure
+def imaged_signatures(axes: Axes, measured: Measured, name: str) -> None:
     """Show range cuts through three imaged mines, HH and VV back to back (Fig. 4)."""
-    figure, axes = subplots(7, 3.6)
+    cuts = measured.cases[name]["sand"][0]["cuts"]
     for cut, style in zip(cuts, ("-", "--", ":"), strict=False):
-        axes.plot(
-            cut["magnitude"], style, color="#1b1b1b", label=f"{100 * cut['depth']:.0f} cm deep"
-        )
-    _stacked(axes, recipe)
-    axes.set(xlabel="sample", ylabel="magnitude", ylim=(0, None))
-    axes.legend(fontsize=8)
-    return figure
+        label = f"{100 * cut['depth']:.0f} cm deep"
+        axes.plot(cut["magnitude"], style, color="#1b1b1b", label=label)
+    _stacked(axes, measured.recipe)
 
 
-def feature_vector(recipe: StudyRecipe, image: xr.DataArray) -> Figure:
+@_figure
+def feature_vector(panels: Panels, measured: Measured) -> None:
     """Show how a feature vector is taken from the image (Fig. 5)."""
-    figure, (hh, vv, vector) = subplots(9, 3.6, 1, 3, width_ratios=[1, 1, 2.2])
-    y = image["y"].values
-    length = recipe.cut.length
-    stretch = image.isel(y=slice(int(np.searchsorted(y, 14.2)), int(np.searchsorted(y, 16.2))))
-    power = (np.abs(stretch.values) ** 2).sum(axis=0)
-    power = uniform_filter1d(power, length, axis=0)
+    *pair, vector = panels
+    image = measured.image
+    length = measured.recipe.cut.length
+    first, last = np.searchsorted(image["y"].values, (14.2, 16.2))
+    stretch = image.isel(y=slice(first, last))
+    stretch = stretch.copy(data=np.abs(stretch.values))
+    power = uniform_filter1d((stretch.values**2).sum(axis=0), length, axis=0)
     inner = power[length:-length, 30:-30]
     row, column = (int(k) for k in np.unravel_index(int(np.argmax(inner)), inner.shape))
-    row, column = row + length, column + 30
+    low, column = row + length - length // 2, column + 30
+    x = stretch["x"].values
+    down = stretch["y"].values
+    extent = (x[0], x[-1], down[0], down[-1])
+    height = down[low + length - 1] - down[low]
     cuts = []
-    for axes, name in ((hh, "HH"), (vv, "VV")):
-        stack = np.abs(stretch.sel(polarization=name).values)
-        x = stretch["x"].values
-        down = stretch["y"].values
-        extent = (x[0], x[-1], down[0], down[-1])
-        top = float(np.abs(stretch.values).max())
-        shown = show(axes, stack, extent, 0, top, cmap="gray", aspect="auto")
-        axes.set(xlim=(x[column] - 0.8, x[column] + 0.8), xlabel="x (m)", title=name)
-        low = row - length // 2
-        height = down[low + length - 1] - down[low]
-        axes.add_patch(
-            Rectangle((x[column] - 0.03, down[low]), 0.06, height, fill=False, color="#ffb347")
-        )
+    for axes, name in zip(pair, ("HH", "VV"), strict=True):
+        stack = stretch.sel(polarization=name).values
+        shown = show(axes, stack, extent, 0, float(stretch.max()), cmap="gray", aspect="auto")
+        axes.set_xlim(x[column] - 0.8, x[column] + 0.8)
+        corner = x[column] - 0.03, down[low]
+        axes.add_patch(Rectangle(corner, 0.06, height, fill=False, color="#ffb347"))
         cuts.append(stack[low : low + length, column])
-    hh.set_ylabel("y (m)")
-    figure.colorbar(shown, ax=[hh, vv], label="magnitude", shrink=0.8)
+    colour_bar(pair, shown, "magnitude", shrink=0.8)
     vector.plot(np.concatenate(cuts), color="#1b1b1b")
-    _stacked(vector, recipe)
-    vector.set(xlabel="sample", ylabel="magnitude")
-    return figure
+    _stacked(vector, measured.recipe)
 
 
-def eigenvector_figure(recipe: StudyRecipe, case: Case) -> Figure:
+@_figure
+def eigenvector_figure(panels: Panels, measured: Measured, name: str) -> None:
     """Show the magnitudes of the first six eigenvectors of a lane (Fig. 6)."""
+    case = measured.cases[name]["sand"][0]
     magnitudes = np.array(case["eigenvectors"])
     ratios = np.array(case["ratios"])
-    figure, grid = subplots(9, 4.6, 2, 3, sharex=True, sharey=True)
-    for j, axes in enumerate(grid.ravel()):
-        reached = j < len(magnitudes) and np.isfinite(ratios[j])
-        if reached:
+    for j, axes in enumerate(panels.ravel()):
+        title = "no example reaches it"
+        if j < len(magnitudes) and np.isfinite(ratios[j]):
             axes.plot(magnitudes[j], color="#1b1b1b")
-        axes.set_title(
-            f"σ{j + 1}/σ1 = {ratios[j]:.3f}" if reached else "no example reaches it",
-            fontsize=9,
-            pad=14,
-        )
-        _stacked(axes, recipe)
-    for axes in grid[1]:
-        axes.set_xlabel("sample")
-    for axes in grid[:, 0]:
-        axes.set_ylabel("magnitude")
-    return figure
+            title = f"σ{j + 1}/σ1 = {ratios[j]:.3f}"
+        axes.set_title(title, fontsize=9, pad=14)
+        _stacked(axes, measured.recipe)
 
 
-def roc_figure(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> Figure:
+@_figure.sized(_columns)
+def roc_figure(panels: Panels, measured: Measured, name: str) -> None:
     """Draw the ROC of deflection, PWF and HH on every soil (Fig. 7).
 
     The first seed's curve is drawn over the spread of all seeds.
     """
-    soils = [soil for soil in SOILS if soil in cases]
-    figure, row = subplots(9, 3.6, 1, len(soils), sharey=True, squeeze=False)
-    names = {f"rank {recipe.detector.rank}": "deflection", "PWF": "PWF", "HH": "HH"}
+    recipe, cases = measured.recipe, measured.cases[name]
+    names = {"deflection": recipe.main, "PWF": "PWF", "HH": "HH"}
     grid = np.logspace(-3, 0, 61)
-    for axes, soil in zip(row[0], soils, strict=True):
-        panels = [axes]
+    for axes, (soil, title) in zip(panels[0], recipe.soils.items(), strict=True):
+        both = [axes]
         all_curves = {
-            label: [case_curve(case, name, recipe.score.box) for case in cases[soil]]
-            for name, label in names.items()
+            label: [case_curve(case, detector, recipe.score.box) for case in cases[soil]]
+            for label, detector in names.items()
         }
         means = [
             np.mean([pd_at(one, recipe.score.pfa) for one in of]) for of in all_curves.values()
@@ -179,7 +176,7 @@ def roc_figure(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> Figu
             inset.set(xscale="log", xlim=(1e-3, 1), ylim=(_ZOOMED, 1.005), title="enlarged")
             inset.title.set_fontsize(7)
             inset.tick_params(labelsize=7)
-            panels.append(inset)
+            both.append(inset)
         # The later curves are narrower: those that coincide show beside each other.
         for (label, curves), width in zip(all_curves.items(), (3.2, 2.0, 1.0), strict=True):
             colour = _CURVES[label]
@@ -187,45 +184,32 @@ def roc_figure(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> Figu
             low, high = np.quantile(pds, [0.1, 0.9], axis=0)
             first = curves[0][curves[0]["far"] > 0]
             style = {"color": colour, "lw": width, "label": label, "drawstyle": "steps-post"}
-            for panel in panels:
+            for panel in both:
                 panel.fill_between(grid, low, high, color=colour, alpha=0.15, lw=0)
                 panel.plot(grid, pds.mean(axis=0), ":", color=colour, lw=1)
                 panel.plot(first["far"], first["pd"], **style)
         axes.axvline(recipe.score.pfa, color="#999", lw=0.8)
-        axes.set(
-            xscale="log",
-            xlim=(1e-3, 1),
-            ylim=(0, 1.02),
-            xlabel="P_FA per m²",
-            title=recipe.sites[soil].title,
-        )
-    figure.axes[0].set_ylabel("Pd")
-    figure.axes[0].legend(loc="lower right", fontsize=8)
-    return figure
+        axes.set_title(title)
 
 
-def point_figure(responses: Mapping[str, PointResponse]) -> Figure:
+@_figure
+def point_figure(panels: Panels, measured: Measured) -> None:
     """Draw the response to a point with and without the ramp."""
-    figure, (down, cross) = subplots(9, 3.4, 1, 2, sharey=True)
+    responses = measured.responses
     for (name, response), style in zip(responses.items(), ("-", "--"), strict=True):
-        down_width, cross_width = response.resolution
-        down_label = f"{name}: {100 * down_width:.1f} cm"
-        cross_label = f"{name}: {100 * cross_width:.1f} cm"
-        down.plot(response.down, decibels(response.down_level), style, label=down_label)
-        cross.plot(response.cross, decibels(response.cross_level), style, label=cross_label)
-    down.set(xlabel="down-track (m)", ylabel="dB", ylim=(-40, 1), xlim=(-0.6, 0.6))
-    cross.set(xlabel="cross-track (m)", xlim=(-1, 1))
-    for axes in (down, cross):
+        lines = (response.down, response.down_level), (response.cross, response.cross_level)
+        for axes, (offset, level), width in zip(panels, lines, response.resolution, strict=True):
+            axes.plot(offset, decibels(level), style, label=f"{name}: {100 * width:.1f} cm")
+    for axes in panels:
         axes.axhline(-3.01, color="#999", lw=0.8)
-        axes.legend(fontsize=8)
-    return figure
 
 
-def examples_figure(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> Figure:
+@_figure.sized(_columns)
+def examples_figure(panels: Panels, measured: Measured, name: str) -> None:
     """Draw mean Pd of deflection less that of Neyman-Pearson over the examples, by rank."""
-    soils = [soil for soil in SOILS if soil in cases]
-    figure, row = subplots(9, 3.6, 1, len(soils), sharex=True, sharey=True, squeeze=False)
-    for axes, soil in zip(row[0], soils, strict=True):
+    recipe, cases = measured.recipe, measured.cases[name]
+    ticks = recipe.sweeps.numbers
+    for axes, (soil, title) in zip(panels[0], recipe.soils.items(), strict=True):
         for place, rank in enumerate(recipe.sweeps.ranks):
             gaps = example_means(recipe, cases[soil], rank)
             # A little to the right of one another, so that the bars are told apart.
@@ -235,51 +219,34 @@ def examples_figure(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) ->
             bars = np.nan_to_num([value - low, high - value], posinf=0.0)
             axes.errorbar(numbers, value, bars, capsize=2, label=label)
         axes.axhline(0, color="#999", lw=0.8)
-        axes.set(xscale="log", xlabel="examples", title=recipe.sites[soil].title)
-        ticks = recipe.sweeps.numbers
-        axes.set_xticks(ticks, [str(number) for number in ticks])
+        axes.set(xscale="log", title=title)
+        axes.set_xticks(ticks, list(map(str, ticks)))
         axes.minorticks_off()
-    figure.axes[0].set_ylabel("mean Pd: deflection\nless Neyman-Pearson")
-    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    return figure
+    labels = panels[0, 0].get_legend_handles_labels()
+    panels[0, 0].figure.legend(*labels, loc="outside lower center", ncols=4)
 
 
-def depth_figure(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> Figure:
+@_figure
+def depth_figure(axes: Axes, measured: Measured, name: str) -> None:
     """Draw Pd at the study's P_FA over depth, all seeds pooled."""
-    figure, axes = subplots(6, 3.4)
-    name = f"rank {recipe.detector.rank}"
+    recipe, cases = measured.recipe, measured.cases[name]
     for site, marker in zip(cases, "os^D", strict=False):
-        detected: dict[float, list[bool]] = {}
-        for case in cases[site]:
-            curve = case_curve(case, name, recipe.score.box)
-            is_allowed = curve["far"].to_numpy() <= recipe.score.pfa
-            threshold = curve["threshold"].to_numpy()[is_allowed].min()
-            peaks = case["peaks"][name]
-            for depth, value in zip(peaks["depth"], peaks["target"], strict=True):
-                detected.setdefault(depth, []).append(value >= threshold)
-        depths = sorted(detected)
-        depths_cm = [100 * depth for depth in depths]
-        pds = [np.mean(detected[depth]) for depth in depths]
-        axes.plot(depths_cm, pds, marker + "-", label=recipe.sites[site].title)
-    axes.set(xlabel="depth (cm)", ylabel=f"Pd at {recipe.score.pfa:g} per m²", ylim=(0, 1.02))
-    axes.legend(fontsize=8)
-    return figure
+        tables = []
+        for case, found in zip(
+            cases[site], found_looks(recipe, cases[site], recipe.main), strict=True
+        ):
+            depths = case["peaks"][recipe.main]["depth"]
+            tables.append(pd.DataFrame({"cm": 100 * np.array(depths), "found": found}))
+        pds = pd.concat(tables).groupby("cm")["found"].mean()
+        axes.plot(pds.index, pds, marker + "-", label=recipe.sites[site].title)
+    axes.set_ylabel(f"Pd at {recipe.score.pfa:g} per m²")
 
 
 def _stacked(axes: Axes, recipe: StudyRecipe) -> None:
     """Label the polarizations of a feature vector and separate them."""
     length = recipe.cut.length
     axes.axvline(length - 0.5, color="#999", lw=0.8)
+    style: dict[str, Any] = {"ha": "center", "va": "bottom", "color": "#666", "fontsize": 8}
     for k, name in enumerate(recipe.cut.polarizations):
-        transform = axes.get_xaxis_transform()
-        axes.text(
-            (k + 0.5) * length,
-            1.01,
-            name,
-            ha="center",
-            va="bottom",
-            color="#666",
-            fontsize=8,
-            transform=transform,
-        )
+        axes.text((k + 0.5) * length, 1.01, name, transform=axes.get_xaxis_transform(), **style)
     axes.set(xlim=(0, length * len(recipe.cut.polarizations) - 1))

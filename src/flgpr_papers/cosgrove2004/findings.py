@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,8 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from flgpr.scoring import operating_row, pd_at, pd_mean, peak_roc
+from flgpr_papers.cosgrove2004.detect import FORMS, alone, example_name
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
-from flgpr_papers.cosgrove2004.sweeps import FORMS, alone, example_name
 from flgpr_papers.kit.findings import UNDECIDED, WORTH, Finding, in_words, shows
 from flgpr_papers.kit.intervals import (
     SHARE,
@@ -35,7 +36,6 @@ Case = dict[str, Any]
 PAPER_RATIOS = (1, 0.089, 0.075, 0.028, 0.019, 0.014)  # eigenvalues over the first (IV-A)
 PAPER_PD = 0.9  # at 0.01 false alarms per m²
 PAPER_LOOKS = 72  # mine images at site one
-SOILS = ("sand", "gravel", "clay")
 _POSITIVE = (0.0, math.inf)  # of counts and widths
 _STATEMENTS = Statements("cosgrove2004")
 _NOTHING = 0.1  # Pd below which detectors are not compared with each other
@@ -76,11 +76,13 @@ def found_looks(
     :func:`case_curve`.
     """
     found = []
+    suffix = "_quantile" if quantile else ""
     for case in cases:
+        if detector not in case["peaks"]:
+            continue  # the sweeps are of the first seeds only
         curve = case_curve(case, detector, recipe.score.box, quantile)
         threshold = curve["threshold"].iloc[int(operating_row(curve, recipe.score.pfa))]
-        peaks = case["peaks"][detector]["target" + ("_quantile" if quantile else "")]
-        found.append(np.asarray(peaks, dtype=np.float64) >= threshold)
+        found.append(np.asarray(case["peaks"][detector]["target" + suffix]) >= threshold)
     return np.array(found, dtype=np.float64)
 
 
@@ -98,12 +100,11 @@ class Looks:
     def __init__(self, recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> None:
         self._recipe = recipe
         self._cases = cases
-        self.found: dict[tuple[str, str], FloatArray] = {}
-        for site, lanes in cases.items():
-            for name in lanes[0]["peaks"]:
-                # The sweeps are of the first seeds only.
-                with_it = [lane for lane in lanes if name in lane["peaks"]]
-                self.found[site, name] = found_looks(recipe, with_it, name)
+        self.found = {
+            (site, name): found_looks(recipe, lanes, name)
+            for site, lanes in cases.items()
+            for name in lanes[0]["peaks"]
+        }
 
     def pd(self, site: str, detector: str) -> Interval:
         """Return the Pd of a detector at a site."""
@@ -111,9 +112,16 @@ class Looks:
 
     def gap(self, site: str, detector: str, rival: str, level: float = 0.95) -> Interval:
         """Return the Pd of a detector at a site less that of another one, on the same looks."""
-        pair = self.found[site, detector], self.found[site, rival]
-        seeds = min(map(len, pair))
-        return paired_shares(pair[0][:seeds], pair[1][:seeds], level)
+        first, second = self.found[site, detector], self.found[site, rival]
+        seeds = min(len(first), len(second))
+        return paired_shares(first[:seeds], second[:seeds], level)
+
+    def room(self, site: str, *detectors: str) -> str:
+        """Return a remark where two detectors find all or nothing: neither can be better."""
+        pds = [self.pd(site, detector)[0] for detector in detectors]
+        if min(pds) > 1 - WORTH:
+            return "both find nearly all: there is nothing to gain"
+        return "both find next to nothing" if max(pds) < WORTH else ""
 
     def quantile_gap(self, site: str, detector: str) -> Interval:
         """Return the Pd by a high quantile of the boxes less that by their peaks."""
@@ -142,30 +150,27 @@ def pd_table(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> pd.Dat
         ``pd_rockless`` (boxes with rocks left out; NaN if none is left), ``pd_mean`` (mean Pd up to
         0.1 per m²).
     """
+    pfa = recipe.score.pfa
     rows = []
     for site, lanes in cases.items():
         for case in lanes:
-            for name in case["peaks"]:
-                rows.append({"site": site, "seed": case["seed"], **_pd_row(recipe, case, name)})
+            for name, peaks in case["peaks"].items():
+                curve_of = partial(case_curve, case, name, recipe.score.box)
+                curve = curve_of()
+                has_no_rockless = all(peaks["rock"])
+                row = {
+                    "site": site,
+                    "seed": case["seed"],
+                    "detector": name,
+                    "pd": pd_at(curve, pfa),
+                    "pd_quantile": pd_at(curve_of(quantile=True), pfa),
+                    "pd_rockless": math.nan
+                    if has_no_rockless
+                    else pd_at(curve_of(rocks=False), pfa),
+                    "pd_mean": pd_mean(curve, 0.1),
+                }
+                rows.append(row)
     return pd.DataFrame(rows)
-
-
-def _pd_row(recipe: StudyRecipe, case: Case, detector: str) -> dict[str, Any]:
-    """Return the columns of :func:`pd_table` of a detector on a lane."""
-    box = recipe.score.box
-    pfa = recipe.score.pfa
-    curve = case_curve(case, detector, box)
-    quantile_curve = case_curve(case, detector, box, quantile=True)
-    pd_rockless = math.nan
-    if not all(case["peaks"][detector]["rock"]):
-        pd_rockless = pd_at(case_curve(case, detector, box, rocks=False), pfa)
-    return {
-        "detector": detector,
-        "pd": pd_at(curve, pfa),
-        "pd_quantile": pd_at(quantile_curve, pfa),
-        "pd_rockless": pd_rockless,
-        "pd_mean": pd_mean(curve, 0.1),
-    }
 
 
 def contrast_table(cases: Mapping[str, Sequence[Case]]) -> pd.DataFrame:
@@ -191,9 +196,8 @@ def contrast_table(cases: Mapping[str, Sequence[Case]]) -> pd.DataFrame:
         for depth in np.unique(depths):
             at_depth = targets[depths == depth]
             contrast = 10 * math.log10(float(np.nanmedian(at_depth) / clutter))
-            row = {"site": site, "depth": float(depth), "looks": at_depth.size}
-            rows.append(row | {"contrast": contrast})
-    return pd.DataFrame(rows)
+            rows.append((site, float(depth), at_depth.size, contrast))
+    return pd.DataFrame(rows, columns=["site", "depth", "looks", "contrast"])
 
 
 def findings(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> list[Finding]:
@@ -227,8 +231,7 @@ def _judge(
 
     A seed has as many mines, training and test as the paper.
     """
-    fields |= {"pd": f"Pd at {recipe.score.pfa:g} per m²", "rank": recipe.detector.rank}
-    finding = _STATEMENTS.number(statement, interval, **fields)
+    finding = _STATEMENTS.number(statement, interval, **{**_words(recipe), **fields})
     values = np.asarray(by_seed, dtype=np.float64)
     values = values[~np.isnan(values)]
     rule = finding.rule
@@ -237,18 +240,21 @@ def _judge(
     return replace(finding, shown=(sum(shows(value, rule) for value in values), values.size))
 
 
+def _words(recipe: StudyRecipe) -> dict[str, Any]:
+    """Return what stands for fields of many statements."""
+    return {"pd": f"Pd at {recipe.score.pfa:g} per m²", "rank": recipe.detector.rank}
+
+
 def _detector_statements(recipe: StudyRecipe, looks: Looks) -> list[Finding]:
     """Judge what the paper says of Pd (Sec. IV, V)."""
-    titles = {soil: recipe.sites[soil].title for soil in SOILS if soil in recipe.sites}
-    ours = f"rank {recipe.detector.rank}"
+    titles = recipe.soils
+    ours = recipe.main
 
     def against(name: str, soil: str, first: str, second: str, **words: str) -> Finding:
         by_seed = looks.seeds(soil, first) - looks.seeds(soil, second)
-        finding = _judge(
-            recipe, name, looks.gap(soil, first, second), by_seed, soil=titles[soil], **words
-        )
-        pds = [looks.pd(soil, detector)[0] for detector in (first, second)]
-        return replace(finding, note=_room(*pds))
+        gap = looks.gap(soil, first, second)
+        finding = _judge(recipe, name, gap, by_seed, soil=titles[soil], **words)
+        return replace(finding, note=looks.room(soil, first, second))
 
     statements = []
     for soil in titles:
@@ -256,7 +262,12 @@ def _detector_statements(recipe: StudyRecipe, looks: Looks) -> list[Finding]:
             statements.append(against("outperforms", soil, ours, rival, rival=rival))
         if (soil, FORMS[1]) in looks.found:
             statements.append(against("few-examples", soil, ours, FORMS[1]))
-    statements.append(_best_pd(recipe, looks, titles))
+    best = max(titles, key=lambda soil: looks.pd(soil, ours)[0])
+    papers: dict[str, Any] = {"stated": PAPER_PD, "looks": PAPER_LOOKS, "soil": titles[best]}
+    # The paper's Pd is a share of its own number of looks.
+    figure = proportion(PAPER_PD * PAPER_LOOKS, PAPER_LOOKS)
+    pds = looks.pd(best, ours), looks.seeds(best, ours)
+    statements.append(_judge(recipe, "best-pd", *pds, figure=figure, **papers))
     for soil in titles:
         statement = against("first-eigenvector", soil, "rank 1", ours)
         # Two detectors that find nothing are as good as each other.
@@ -268,22 +279,12 @@ def _detector_statements(recipe: StudyRecipe, looks: Looks) -> list[Finding]:
         ("sand", "clay", "best-soil"),
         ("gravel", "clay", "worst-soil"),
     ):
-        if better in titles and worse in titles:
+        if {better, worse} <= titles.keys():
             gap = difference_of_means(looks.pd(better, ours), looks.pd(worse, ours))
             by_seed = looks.seeds(better, ours) - looks.seeds(worse, ours)
             words = {"better": titles[better], "worse": titles[worse]}
             statements.append(_judge(recipe, name, gap, by_seed, **words))
     return statements
-
-
-def example_gaps(recipe: StudyRecipe, looks: Looks, soil: str, rank: int) -> dict[str, Interval]:
-    """Return Pd of deflection less Neyman-Pearson of a rank, by the number of examples of both."""
-    gaps = {}
-    for number in recipe.sweeps.numbers:
-        first, second = (example_name(form, rank, number) for form in FORMS)
-        if (soil, first) in looks.found:
-            gaps[str(number)] = looks.gap(soil, first, second)
-    return gaps
 
 
 def example_means(recipe: StudyRecipe, cases: Sequence[Case], rank: int) -> dict[str, Interval]:
@@ -295,11 +296,11 @@ def example_means(recipe: StudyRecipe, cases: Sequence[Case], rank: int) -> dict
     gaps = {}
     for number in recipe.sweeps.numbers:
         pair = [example_name(form, rank, number) for form in FORMS]
-        means = []
-        for case in cases:
-            if pair[0] in case["peaks"]:
-                curves = [case_curve(case, name, recipe.score.box) for name in pair]
-                means.append([pd_mean(curve, 0.1) for curve in curves])
+        means = [
+            [pd_mean(case_curve(case, name, recipe.score.box), 0.1) for name in pair]
+            for case in cases
+            if pair[0] in case["peaks"]
+        ]
         if means:
             gaps[str(number)] = students(-np.diff(means)[:, 0], bounds=SHARE_DIFFERENCE)
     return gaps
@@ -310,81 +311,45 @@ def _sweep_statements(
 ) -> list[Finding]:
     """Judge what the sweeps show, in the soils that have them (Sec. II-B, III-A, III-C)."""
     best_band, *bands = recipe.sweeps.bands
+    singles = {f"{name} alone": alone(name) for name in recipe.cut.polarizations}
     rivals = {
-        "two-polarizations": (
-            f"rank {recipe.detector.rank}",
-            {f"{name} alone": alone(name) for name in recipe.cut.polarizations},
-        ),
-        "best-band": (best_band, {name: name for name in bands}),
-    }
-    texts: dict[str, Any] = {
-        "pd": f"Pd at {recipe.score.pfa:g} per m²",
-        "rank": recipe.detector.rank,
+        "two-polarizations": (recipe.main, singles),
+        "best-band": (best_band, dict(zip(bands, bands, strict=True))),
     }
     statements = []
-    for soil in (soil for soil in SOILS if soil in recipe.sites):
-        texts["soil"] = recipe.sites[soil].title
+    for soil, title in recipe.soils.items():
         for rank in recipe.sweeps.ranks:
-            gaps = example_gaps(recipe, looks, soil, rank)
+            gaps = {}
+            remarks = set()
+            for number in recipe.sweeps.numbers:
+                first, second = [example_name(form, rank, number) for form in FORMS]
+                if (soil, first) in looks.found:
+                    gaps[str(number)] = looks.gap(soil, first, second)
+                    remarks.add(looks.room(soil, first, second))
             if gaps:
-                words = {**texts, "rank": rank}
+                words = {**_words(recipe), "soil": title, "rank": rank}
                 finding = _STATEMENTS.by_every("number-of-examples", gaps, **words)
-                remarks = {
-                    _room(
-                        *(
-                            looks.pd(soil, example_name(form, rank, int(number)))[0]
-                            for form in FORMS
-                        )
-                    )
-                    for number in gaps
-                }
                 note = remarks.pop() if len(remarks) == 1 else ""
-                statements.append(replace(finding, note=note))
                 means = example_means(recipe, cases[soil], rank)
-                first = next(iter(means.values()))
-                finding = _STATEMENTS.number("mean-by-examples", first, **words)
                 ours = "; ".join(
-                    f"{number}: "
-                    + (
-                        in_words(*mean)
-                        if math.isfinite(mean[1])
-                        else f"{mean[0]:z.2f} in every seed"
-                    )
+                    f"{number}: {in_words(*mean)}"
+                    if math.isfinite(mean[1])
+                    else f"{number}: {mean[0]:z.2f} in every seed"
                     for number, mean in means.items()
                 )
-                statements.append(replace(finding, ours=ours))
+                fewest = next(iter(means.values()))
+                by_mean = _STATEMENTS.number("mean-by-examples", fewest, **words)
+                statements += [replace(finding, note=note), replace(by_mean, ours=ours)]
         for name, (best, others) in rivals.items():
             gaps = {
-                title: looks.gap(soil, best, rival, together(len(others)))
-                for title, rival in others.items()
+                what: looks.gap(soil, best, rival, together(len(others)))
+                for what, rival in others.items()
                 if (soil, rival) in looks.found
             }
             if gaps:
-                statements.append(_STATEMENTS.larger(name, gaps, **texts))
+                words = {**_words(recipe), "soil": title}
+                statements.append(_STATEMENTS.larger(name, gaps, **words))
     return statements
-
-
-def _room(first: float, second: float) -> str:
-    """Return a remark where two detectors find all or nothing: neither can be better."""
-    if min(first, second) > 1 - WORTH:
-        return "both find nearly all: there is nothing to gain"
-    return "both find next to nothing" if max(first, second) < WORTH else ""
-
-
-def _best_pd(recipe: StudyRecipe, looks: Looks, titles: Mapping[str, str]) -> Finding:
-    """Judge the Pd of the best soil against the paper's, a share of its own number of looks."""
-    ours = f"rank {recipe.detector.rank}"
-    best = max(titles, key=lambda soil: looks.pd(soil, ours)[0])
-    return _judge(
-        recipe,
-        "best-pd",
-        looks.pd(best, ours),
-        looks.seeds(best, ours),
-        figure=proportion(PAPER_PD * PAPER_LOOKS, PAPER_LOOKS),
-        stated=PAPER_PD,
-        looks=PAPER_LOOKS,
-        soil=titles[best],
-    )
 
 
 def _eigenvalue_statements(recipe: StudyRecipe, cases: Sequence[Case]) -> list[Finding]:
@@ -395,29 +360,28 @@ def _eigenvalue_statements(recipe: StudyRecipe, cases: Sequence[Case]) -> list[F
     statements = []
     for number, paper, ratio in eigenvalue_ratios_of(cases):
         by_seed = np.array([case["ratios"][number - 1] for case in cases], dtype=np.float64)
-        rule = (0.5 * paper, 2 * paper)
-        statements.append(
-            _judge(recipe, "eigenvalue", ratio, by_seed, rule=rule, ratio=paper, number=number)
-        )
+        words = {"rule": (0.5 * paper, 2 * paper), "ratio": paper, "number": number}
+        statements.append(_judge(recipe, "eigenvalue", ratio, by_seed, **words))
     return statements
 
 
 def eigenvalue_ratios_of(cases: Sequence[Case]) -> list[tuple[int, float, Interval]]:
     """Return the number of every eigenvalue but the first, the paper's ratio to it and ours."""
     ratios = np.array([case["ratios"] for case in cases], dtype=np.float64)
+    pairs = list(zip(PAPER_RATIOS, ratios.T, strict=False))
     return [
-        (j + 1, PAPER_RATIOS[j], students(ratios[:, j], bounds=SHARE))
-        for j in range(1, min(len(PAPER_RATIOS), ratios.shape[1]))
+        (number, paper, students(ours, bounds=SHARE))
+        for number, (paper, ours) in enumerate(pairs[1:], start=2)
     ]
 
 
 def _open_questions(recipe: StudyRecipe, looks: Looks) -> list[Finding]:
     """Return our own questions about the detectors' Pd, which have no verdict."""
-    detector = f"rank {recipe.detector.rank}"
-    questions = []
-    for name, site in recipe.sites.items():
-        gap = looks.quantile_gap(name, detector)
-        questions.append(_judge(recipe, "quantile", gap, soil=site.title))
+    detector = recipe.main
+    questions = [
+        _judge(recipe, "quantile", looks.quantile_gap(name, detector), soil=site.title)
+        for name, site in recipe.sites.items()
+    ]
     if "plastic" in recipe.sites:
         questions.append(_judge(recipe, "plastic", looks.pd("plastic", detector)))
         rivals = {"PWF": "PWF", "trained on sand": "the detector trained on metal mines"}
@@ -426,10 +390,9 @@ def _open_questions(recipe: StudyRecipe, looks: Looks) -> list[Finding]:
                 gap = looks.gap("plastic", detector, rival)
                 questions.append(_judge(recipe, "plastic-rival", gap, rival=title))
     for rival, text in recipe.questions.items():
-        for soil in SOILS:
+        for soil, title in recipe.soils.items():
             if (soil, rival) in looks.found:
                 gap = looks.gap(soil, rival, detector)
-                title = recipe.sites[soil].title
                 questions.append(_judge(recipe, "tried", gap, question=text, soil=title))
     return questions
 
@@ -442,11 +405,9 @@ def _premise_statements(recipe: StudyRecipe, sand: Sequence[Case]) -> list[Findi
     premises = recipe.premises
     measures = [case["premises"] for case in sand]
 
-    def within(
-        name: str, values: Sequence[float], rule: Bounds | None = None, **fields: Any
-    ) -> Finding:
-        interval = students(values, bounds=_POSITIVE)
-        return _judge(recipe, name, interval, values, rule=rule, **fields)
+    def judged(name: str, values: Sequence[float], bounds: Bounds, **fields: Any) -> Finding:
+        """Judge by a number of every seed."""
+        return _judge(recipe, name, students(values, bounds=bounds), values, **fields)
 
     def of_both(name: str, measure: Callable[[Any], float], values: str, **fields: Any) -> Finding:
         """Judge by a measure of mines less that of clutter in every seed."""
@@ -454,29 +415,29 @@ def _premise_statements(recipe: StudyRecipe, sand: Sequence[Case]) -> list[Findi
             np.array([measure(of_seed[kind][values]) for of_seed in measures])
             for kind in ("mine", "clutter")
         ]
-        gap = students(mines - clutter, bounds=SHARE_DIFFERENCE)
-        return _judge(recipe, name, gap, mines - clutter, **fields)
+        return judged(name, mines - clutter, SHARE_DIFFERENCE, **fields)
 
     def of_looks(name: str, looks: Sequence[Any], **fields: Any) -> Finding:
         """Judge by the share of looks for which something holds."""
         table = np.array(looks, dtype=np.float64)
         return _judge(recipe, name, share_of_looks(table), table.mean(axis=1), **fields)
 
+    words: dict[str, Any]
     statements = []
     for name in recipe.cut.polarizations:
         # The signatures are the same for every seed: their mines are the sample.
-        interval = students(sand[0]["signature_humps"][name], bounds=_POSITIVE)
-        statements.append(
-            _judge(recipe, "signature", interval, rule=premises.humps, polarization=name)
-        )
+        humps = students(sand[0]["signature_humps"][name], bounds=_POSITIVE)
+        words = {"rule": premises.humps, "polarization": name}
+        statements.append(_judge(recipe, "signature", humps, **words))
     for name in recipe.cut.polarizations:
-        humps = [_mean(of_seed["mine"][name]) for of_seed in measures]
-        statements.append(within("evident", humps, premises.humps, polarization=name))
+        means = [_mean(of_seed["mine"][name]) for of_seed in measures]
+        words = {"rule": premises.humps, "polarization": name}
+        statements.append(judged("evident", means, _POSITIVE, **words))
         statements.append(of_both("distinguishing", _double_share, name, polarization=name))
-    if any(case["visible"] for case in sand):
-        seen = [case["visible"] for case in sand]
-        rule = premises.visible_mines
-        statements.append(of_looks("visible", seen, rule=rule, share=premises.visible))
+    seen = [case["visible"] for case in sand]
+    if any(seen):
+        words = {"rule": premises.visible_mines, "share": premises.visible}
+        statements.append(of_looks("visible", seen, **words))
     moments = [of_seed["fourth_moment_ratio"] for of_seed in measures]
     most = premises.humps_across[1]
     one_hump = [np.array(of_seed["across"]["humps"]) <= most for of_seed in measures]
@@ -484,9 +445,9 @@ def _premise_statements(recipe: StudyRecipe, sand: Sequence[Case]) -> list[Findi
     return [
         *statements,
         of_both("correlated", _mean, "correlation"),
-        within("gaussian", moments, premises.fourth_moment),
+        judged("gaussian", moments, _POSITIVE, rule=premises.fourth_moment),
         of_looks("across", one_hump),
-        within("wide", widths, above=premises.width_across),
+        judged("wide", widths, _POSITIVE, above=premises.width_across),
     ]
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from flgpr.clutter import scan_gain, self_signature
 from flgpr.imaging import ImagingOperator, ScanImager
@@ -32,6 +32,8 @@ from flgpr_papers.cosgrove2004.recipe import Site, StudyRecipe
 from flgpr_papers.kit.scenes import changed, turned
 
 FloatArray = NDArray[np.float64]
+Bands = Mapping[str, tuple[float, float]]
+"""Bands, Hz, by name."""
 BAND = "band"
 SURROUNDINGS = ("roadside", "open")
 """What stands beside a lane: bushes and posts, or nothing."""
@@ -53,15 +55,6 @@ class Look:
     #: how far behind its position the mine appears for the refraction at its depth, m
     shift: float
     rocks: FloatArray  #: (rock, 2) positions of rocks in the scan frame, m
-
-
-class StopImage(NamedTuple):
-    """The image of a stop with its mine, in the scan frame."""
-
-    image: xr.DataArray  #: (polarization, y, x)
-    position: FloatArray  #: (2,) surveyed x and y of the mine, m
-    shift: float  #: how far behind its position the mine appears for refraction, m
-    rocks: FloatArray  #: (rock, 2) positions of rocks, m
 
 
 def study_sensor(recipe: StudyRecipe) -> Sensor:
@@ -101,11 +94,7 @@ def tone_weight(recipe: StudyRecipe, sensor: Sensor) -> FloatArray:
 
 
 def lane_looks(
-    recipe: StudyRecipe,
-    name: str,
-    seed: int,
-    share: float = 1.0,
-    bands: Mapping[str, tuple[float, float]] | None = None,
+    recipe: StudyRecipe, name: str, seed: int, share: float = 1.0, bands: Bands | None = None
 ) -> dict[str, list[Look]]:
     """Simulate a lane from both directions and image every mine at the study's range.
 
@@ -134,37 +123,15 @@ def lane_looks(
     """
     if bands is not None:
         spanned = min(low for low, _ in bands.values()), max(high for _, high in bands.values())
-        recipe = recipe.model_copy(
-            update={"radar": recipe.radar.model_copy(update={"tones": spanned})}
-        )
+        radar = recipe.radar.model_copy(update={"tones": spanned})
+        recipe = recipe.model_copy(update={"radar": radar})
     number = lane_seed(recipe, name, seed)
     scene, trains, depths = lane_scene(recipe, recipe.sites[name], number, share)
-    looks: dict[str, list[Look]] = {}
-    for view, images in _direction(recipe, scene, number, False, bands).items():
-        looks[view] = looks_of_stops(images, depths, trains)
-    for view, images in _direction(recipe, scene, number + 1, True, bands).items():
-        # Driven back, the mines come in the opposite order.
-        looks[view] += looks_of_stops(images, depths[::-1], trains[::-1])
-    return looks
-
-
-def looks_of_stops(
-    images: Sequence[StopImage], depths: FloatArray, trains: NDArray[np.bool_]
-) -> list[Look]:
-    """Return the looks of a drive: the images of its stops with depth and use of their mines."""
-    looks = []
-    for stop, depth, trained in zip(images, depths, trains, strict=True):
-        looks.append(
-            Look(
-                image=stop.image,
-                position=stop.position,
-                depth=float(depth),
-                trains=bool(trained),
-                shift=stop.shift,
-                rocks=stop.rocks,
-            )
-        )
-    return looks
+    out = _direction(recipe, scene, number, False, list(zip(depths, trains, strict=True)), bands)
+    # Driven back, the mines come in the opposite order.
+    mines = list(zip(depths[::-1], trains[::-1], strict=True))
+    back = _direction(recipe, scene, number + 1, True, mines, bands)
+    return {view: looks + back[view] for view, looks in out.items()}
 
 
 def signature_looks(recipe: StudyRecipe, name: str, share: float = SIGNATURE_SHARE) -> list[Look]:
@@ -184,8 +151,8 @@ def signature_looks(recipe: StudyRecipe, name: str, share: float = SIGNATURE_SHA
     scene, trains, depths = lane_scene(recipe, recipe.sites[name], SIGNATURES, share)
     bare = changed(scene, clutter=BARE, **ALONE)
     simulator = Simulator(bare, study_sensor(recipe), SIGNATURES, errors=False)
-    images = stop_images(recipe, simulator, simulator.scans(), "none")
-    return looks_of_stops(images, depths, trains)
+    mines = zip(depths, trains, strict=True)
+    return stop_looks(recipe, simulator, simulator.scans(), "none", mines)
 
 
 def lane_seed(recipe: StudyRecipe, name: str, seed: int) -> int:
@@ -204,12 +171,12 @@ def lane_scene(
     rng = np.random.default_rng([seed, 2004])
     order = rng.permutation(depths.size)
     depths = depths[order]
-    trains = trains[order]
     spacing = recipe.radar.stop_spacing
     slots = spacing * (np.arange(depths.size) + 0.5)
-    targets = []
-    for slot, depth in zip(slots, depths, strict=True):
-        targets.append(_mine(site, float(slot), float(depth), rng))
+    targets = [
+        _mine(site, float(slot), float(depth), rng)
+        for slot, depth in zip(slots, depths, strict=True)
+    ]
     scene = Scene.model_validate(
         {
             "name": site.title,
@@ -222,7 +189,7 @@ def lane_scene(
             "track": {"positions": [float(slot - recipe.radar.range) for slot in slots]},
         }
     )
-    return scene, trains, depths
+    return scene, trains[order], depths
 
 
 def _mine(site: Site, slot: float, depth: float, rng: np.random.Generator) -> dict[str, Any]:
@@ -242,11 +209,13 @@ def _direction(
     scene: Scene,
     seed: int,
     back: bool,
-    bands: Mapping[str, tuple[float, float]] | None = None,
-) -> dict[str, list[StopImage]]:
-    """Return the images of a drive's stops by surroundings, or those of the open lane by band.
+    mines: Sequence[tuple[float, bool]],
+    bands: Bands | None = None,
+) -> dict[str, list[Look]]:
+    """Return the looks of a drive by surroundings, or those of the open lane by band.
 
-    Echoes add, so the roadside is simulated by itself and added to the open lane.
+    Echoes add, so the roadside is simulated by itself and added to the open lane. ``mines`` are
+    depth and use of those of the stops.
     """
     sensor = study_sensor(recipe)
     ground = changed(scene, clutter=NO_ROADSIDE)
@@ -257,19 +226,18 @@ def _direction(
         roadside = turned(roadside, seed - 1)
     simulator = Simulator(ground, sensor, seed)
     signal = np.stack(list(simulator.scans()))
-    signature = recipe.image.self_signature
-    if bands is not None:
-        images = {}
+    views = {"open": (recipe, signal)}
+    if bands is None:
+        beside = np.stack(list(Simulator(roadside, sensor, seed, errors=False).scans()))
+        views = {"roadside": (recipe, signal + beside), **views}
+    else:
+        views = {}
         for name, band in bands.items():
             image = recipe.image.model_copy(update={"band": band})
-            of_band = recipe.model_copy(update={"image": image})
-            images[name] = stop_images(of_band, simulator, signal, signature)
-        return images
-    roadside_simulator = Simulator(roadside, sensor, seed, errors=False)
-    with_roadside = signal + np.stack(list(roadside_simulator.scans()))
+            views[name] = recipe.model_copy(update={"image": image}), signal
     return {
-        "roadside": stop_images(recipe, simulator, with_roadside, signature),
-        "open": stop_images(recipe, simulator, signal, signature),
+        name: stop_looks(of_view, simulator, data, recipe.image.self_signature, mines)
+        for name, (of_view, data) in views.items()
     }
 
 
@@ -279,44 +247,54 @@ def from_other_end(scene: Scene, seed: int) -> Scene:
     return other.model_copy(update={"targets": other.targets[::-1]})
 
 
-def stop_images(
+def stop_looks(
     recipe: StudyRecipe,
     simulator: Simulator,
-    signal: ArrayLike | Iterable[NDArray[np.complex64]],
+    signal: Iterable[NDArray[np.complex64]],
     signature: str,
+    mines: Iterable[tuple[float, bool]],
     targets: Sequence[Target] | None = None,
-) -> list[StopImage]:
-    """Return the image of every stop with its mine.
+) -> list[Look]:
+    """Return the look of every stop at its mine.
 
-    ``targets`` are the mines, one a stop, where the simulated lane has none.
+    ``mines`` are depth and use of each; ``targets`` are the mines, one a stop, where the simulated
+    lane has none.
     """
-    data = signal if isinstance(signal, np.ndarray) else np.stack(list(signal))  # type: ignore[arg-type]
-    tx, rx = simulator.sensor.pairs()
-    pose = simulator.reported_pose()
-    polarizations = list(simulator.sensor.polarization)
-    run = make_run(data, simulator.frequency, polarizations, tx, rx, pose, simulator.time)
+    data = np.stack(list(signal))
+    run = _run_of(simulator, data, simulator.time)
     images = run_images(recipe, run, simulator.sensor, signature)
     rocks = _rocks(simulator)
     middle = np.array([np.mean(recipe.image.band)])
     permittivity = float(simulator.scene.soil.media(middle)[-1][0].real)
-    mines = simulator.scene.targets if targets is None else targets
-    stops = []
-    for image, mine in zip(images, mines, strict=True):
-        image_pose = np.asarray(image.attrs["pose"])
-        position = lane_to_scan(np.array([mine.x, mine.y, 0.0]), image_pose)[:2]
-        shift = refraction_shift(mine.depth, permittivity, image_pose[2], recipe.radar.range)
-        rock_positions = lane_to_scan(rocks, image_pose)[:, :2]
-        stops.append(StopImage(image, position, float(shift), rock_positions))
-    return stops
+    placed = simulator.scene.targets if targets is None else targets
+    looks = []
+    for image, mine, (depth, trains) in zip(images, placed, mines, strict=True):
+        pose = np.asarray(image.attrs["pose"])
+        position = lane_to_scan(np.array([mine.x, mine.y, 0.0]), pose)[:2]
+        shift = float(refraction_shift(mine.depth, permittivity, pose[2], recipe.radar.range))
+        rock_positions = lane_to_scan(rocks, pose)[:, :2]
+        look = Look(image, position, float(depth), bool(trains), shift, rock_positions)
+        looks.append(look)
+    return looks
+
+
+def _run_of(simulator: Simulator, data: NDArray[np.complex64], *time: Any) -> xr.Dataset:
+    """Return the run of a simulated lane with other data."""
+    tx, rx = simulator.sensor.pairs()
+    names = list(simulator.sensor.polarization)
+    return make_run(data, simulator.frequency, names, tx, rx, simulator.reported_pose(), *time)
+
+
+def _imager(recipe: StudyRecipe, run: xr.Dataset, sensor: Sensor, grid: Grid) -> ScanImager:
+    """Return what images the scans of a run in the study's band."""
+    band = {BAND: recipe.image.band}
+    return ScanImager(run, grid, band, window=tone_weight(recipe, sensor))
 
 
 def _rocks(simulator: Simulator) -> FloatArray:
     """Return the positions (rock, 3) of the rocks on a lane, m."""
-    positions = []
-    for thing in simulator.world.objects:
-        if thing.kind == "rock":
-            positions.append((thing.x, thing.y, 0.0))
-    return np.array(positions).reshape(-1, 3)
+    rocks = [(one.x, one.y, 0.0) for one in simulator.world.objects if one.kind == "rock"]
+    return np.array(rocks).reshape(-1, 3)
 
 
 def run_images(
@@ -342,8 +320,7 @@ def run_images(
         Images (polarization, y, x) in the scan frame, in units of the scan's gain where the
         self-signature was removed.
     """
-    band = {BAND: recipe.image.band}
-    imager = ScanImager(run, recipe.image.grid(), band, window=tone_weight(recipe, sensor))
+    imager = _imager(recipe, run, sensor, recipe.image.grid())
     images = [image.isel(subband=0, drop=True) for image in imager]
     if signature == "none":
         return images
@@ -466,10 +443,5 @@ def _image(
     quiet = sensor.errors.model_copy(update={"self_signature_db": None})
     simulator = Simulator(scene, sensor.model_copy(update={"errors": quiet}), seed, errors)
     check_tones(sensor, (grid.x[0], grid.x[-1]), (grid.y[0], grid.y[-1]))
-    tx, rx = sensor.pairs()
-    signal = simulator.scan(0)[None]
-    run = make_run(
-        signal, simulator.frequency, list(sensor.polarization), tx, rx, simulator.reported_pose()
-    )
-    imager = ScanImager(run, grid, {BAND: recipe.image.band}, window=tone_weight(recipe, sensor))
-    return imager.image(0).isel(subband=0, drop=True)
+    run = _run_of(simulator, simulator.scan(0)[None])
+    return _imager(recipe, run, sensor, grid).image(0).isel(subband=0, drop=True)

@@ -13,6 +13,7 @@ from flgpr.stages.forms import CutSettings
 from flgpr_papers.kit.settings import Table, packaged
 from flgpr_papers.kit.study_worlds import OWN, study_world
 
+SOILS = ("sand", "gravel", "clay")
 Positive = Annotated[float, Field(gt=0)]
 
 
@@ -166,6 +167,16 @@ class StudyRecipe(Table):
     sweeps: Sweeps
     sites: dict[str, Site]
     questions: dict[str, str]
+
+    @property
+    def soils(self) -> dict[str, str]:
+        """Title of each soil of the paper that has a lane, by the name of its site."""
+        return {soil: self.sites[soil].title for soil in SOILS if soil in self.sites}
+
+    @property
+    def main(self) -> str:
+        """Name of the detector that is scored."""
+        return f"rank {self.detector.rank}"
 
     @property
     def cuts(self) -> CutSettings:

@@ -7,14 +7,13 @@ seeds.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from flgpr.method.model import Model, save_model
@@ -26,32 +25,137 @@ from flgpr_papers.cosgrove2004.detect import (
     detectors,
     eigenvalue_ratios,
     eigenvectors,
+    example_detectors,
+    example_looks,
     learn,
+    one_polarization,
+    other_bands,
     score_looks,
     target_cut,
 )
-from flgpr_papers.cosgrove2004.findings import SOILS, Case, findings, pd_table
+from flgpr_papers.cosgrove2004.findings import (
+    Case,
+    contrast_table,
+    eigenvalue_ratios_of,
+    findings,
+    pd_table,
+)
 from flgpr_papers.cosgrove2004.images import (
     SURROUNDINGS,
     Look,
     PointResponse,
     lane_looks,
     point_response,
-    signature_cuts,
     signature_looks,
+    study_sensor,
     wide_image,
 )
-from flgpr_papers.cosgrove2004.page import Cases, figure_rows, page_facts, page_tables
-from flgpr_papers.cosgrove2004.recipe import StudyRecipe, study_recipe
+from flgpr_papers.cosgrove2004.recipe import SOILS, StudyRecipe, study_recipe
 from flgpr_papers.cosgrove2004.signature import look_measures, signature_humps, visible_mines
-from flgpr_papers.cosgrove2004.sweeps import (
-    example_detectors,
-    example_looks,
-    one_polarization,
-    other_bands,
-)
 from flgpr_papers.kit.cache import key_of, read_or_make
+from flgpr_papers.kit.findings import Finding, by_chance
+from flgpr_papers.kit.intervals import SHARE, Interval, students
 from flgpr_papers.kit.study import Outcome, Study
+
+Cases = Mapping[str, Mapping[str, Sequence[Case]]]
+"""Cases of every seed by surroundings and site."""
+BESIDE = {"open": "open lanes", "roadside": "beside bushes and posts"}
+"""What stands beside a lane, in words."""
+
+
+def page_facts(
+    recipe: StudyRecipe,
+    cases: Cases,
+    tables: Mapping[str, pd.DataFrame],
+    responses: Mapping[str, PointResponse],
+) -> dict[str, Any]:
+    """Return what the captions and their numbers take.
+
+    The parameters are those of :func:`page_tables`, and the image of a point with and without the
+    ramp filter.
+    """
+    sensor = study_sensor(recipe)
+    tx, _ = sensor.pairs()
+    tones = sensor.tones.axis()
+    length = recipe.cut.length
+    polarizations = recipe.cut.polarizations
+    return {
+        "recipe": recipe,
+        "sensor": sensor,
+        "antennas": len(tx),
+        "across": np.ptp(tx[:, 0]),
+        "tones": (tones[0] / 1e9, tones[-1] / 1e9),
+        "samples": ", then ".join(f"{length} of {name}" for name in polarizations),
+        "features": length * len(polarizations),
+        "ratios": {name: _ratio_texts(lanes["sand"]) for name, lanes in cases.items()},
+        "pds": {name: _pd_texts(recipe, table) for name, table in tables.items()},
+        "resolution": {
+            name: [100 * width for width in response.resolution]
+            for name, response in responses.items()
+        },
+    }
+
+
+def page_tables(
+    recipe: StudyRecipe,
+    cases: Cases,
+    tables: Mapping[str, pd.DataFrame],
+    found: Sequence[Finding],
+) -> dict[str, Any]:
+    """Return what the template of the page takes.
+
+    Parameters
+    ----------
+    recipe : StudyRecipe
+        The study.
+    cases : mapping
+        Cases of every seed by surroundings and site.
+    tables : mapping of str to DataFrame
+        Pd of every detector by surroundings.
+    found : sequence of Finding
+        The findings, with the surroundings for a group.
+    """
+    return {
+        "recipe": recipe,
+        "by_chance": {name: by_chance([f for f in found if f.group == name]) for name in BESIDE},
+        "sizes": next(iter(cases.values())),
+        "detectors": {name: _detector_table(table) for name, table in tables.items()},
+        "contrast": {name: contrast_table(lanes) for name, lanes in cases.items()},
+        "beside": BESIDE,
+    }
+
+
+def _detector_table(table: pd.DataFrame) -> dict[str, dict[str, list[Interval]]]:
+    """Return the detectors' Pd by site and detector, in the order of the columns."""
+    # Those of the sweeps over examples stand in their figure.
+    shown = table[~table["detector"].str.endswith("examples")]
+    detectors: dict[str, dict[str, list[Interval]]] = {}
+    for (site, name), chosen in shown.groupby(["site", "detector"], sort=False):
+        columns = chosen[["pd", "pd_quantile", "pd_rockless", "pd_mean"]].to_numpy().T
+        intervals = [students(column, bounds=SHARE) for column in columns]
+        detectors.setdefault(str(site), {})[str(name)] = intervals
+    return detectors
+
+
+def _ratio_texts(lanes: Sequence[Case]) -> dict[int, str]:
+    """Return the ratios of eigenvalues to the first, mean over the seeds with the interval."""
+    return {
+        number: "no example reaches it"
+        if np.isnan(ratio)
+        else f"{ratio:.3f} ({low:.3f} to {high:.3f})"
+        for number, _, (ratio, low, high) in eigenvalue_ratios_of(lanes)
+    }
+
+
+def _pd_texts(recipe: StudyRecipe, table: pd.DataFrame) -> dict[str, str]:
+    """Return Pd at the study's P_FA, mean over the seeds, by soil."""
+    names = {"deflection": recipe.main, "PWF": "PWF", "HH": "HH"}
+    texts = dict.fromkeys(SOILS, "not run")
+    for soil in recipe.soils:
+        means = table[table["site"] == soil].groupby("detector")["pd"].mean()
+        texts[soil] = ", ".join(f"{name} {means[detector]:.2f}" for name, detector in names.items())
+    return texts
+
 
 ComplexArray = NDArray[np.complex128]
 
@@ -79,35 +183,12 @@ def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
     resolution = {name: response.resolution for name, response in responses.items()}
     return Outcome(
         findings=found,
-        figures=_figures(recipe, cases, responses),
-        facts=page_facts(recipe),
-        rows=figure_rows(recipe, cases, tables, responses),
+        measured=figures.Measured(recipe, cases, responses, wide_image(recipe, 1)),
+        facts=page_facts(recipe, cases, tables, responses),
         tables=page_tables(recipe, cases, tables, found),
         files={"pd.csv": pds.to_csv(index=False)},
         notes={"seeds": len(seeds), "resolution_m": resolution},
     )
-
-
-def _figures(
-    recipe: StudyRecipe, cases: Cases, responses: Mapping[str, PointResponse]
-) -> dict[str, Callable[[], Figure]]:
-    """Return what draws each figure of the page, by name."""
-    image = wide_image(recipe, 1)
-    drawn: dict[str, Callable[[], Figure]] = {
-        "figure-1": partial(figures.geometry, recipe),
-        "figure-2": partial(figures.sample_image, image),
-        "figure-3": lambda: figures.simulated_signature(*signature_cuts(recipe)),
-        "figure-5": partial(figures.feature_vector, recipe, image),
-        "resolution": partial(figures.point_figure, responses),
-    }
-    for name, lanes in cases.items():
-        sand = lanes["sand"][0]
-        drawn[f"figure-4-{name}"] = partial(figures.imaged_signatures, recipe, sand["cuts"])
-        drawn[f"figure-6-{name}"] = partial(figures.eigenvector_figure, recipe, sand)
-        drawn[f"figure-7-{name}"] = partial(figures.roc_figure, recipe, lanes)
-        drawn[f"examples-{name}"] = partial(figures.examples_figure, recipe, lanes)
-        drawn[f"depth-{name}"] = partial(figures.depth_figure, recipe, lanes)
-    return drawn
 
 
 def seed_cases(recipe: StudyRecipe, folder: Path, seed: int) -> dict[str, dict[str, Case]]:
@@ -168,7 +249,7 @@ def run_seed(
                     recipe, site, seed, training, examples[surroundings]
                 )
             if models is not None:
-                detector = chip_detectors[f"rank {recipe.detector.rank}"]
+                detector = chip_detectors[recipe.main]
                 learnt = learnt_of(detector.forms, training.clutter)
                 model = Model(stages={"map.deflection": learnt})
                 save_model(model, models / f"{site}-{surroundings}", detector.notes)
@@ -217,4 +298,4 @@ def _part(folder: Path, seed: str, quick: bool, world: str) -> None:
     seed_cases(study_recipe(quick, world), folder, int(seed))
 
 
-STUDY = Study("cosgrove2004", "index.html", run, _parts, _part)
+STUDY = Study("cosgrove2004", "index.html", figures, run, _parts, _part)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -332,20 +332,30 @@ def clutter_past_prescreeners(
     halo : float
         Clutter lies in the lane and farther than this from every mine, m.
     """
-    mines = site.mines[["x", "y"]].to_numpy(dtype=np.float64)
     counts = np.zeros(3, dtype=np.int64)
-    for channel, (ellipse, limits) in screen.channels(site.view):
-        clusters = find_clusters(channel, limits.amplitude, screen.settings.forming)
-        x = clusters["x"].to_numpy()
-        y = clusters["y"].to_numpy()
-        in_lane = np.logical_or.reduce([lane.contains(x, y) for lane in site.lanes])
-        distance = np.hypot(x[:, None] - mines[:, 0], y[:, None] - mines[:, 1]).min(axis=1)
-        clutter = clusters[in_lane & (distance > halo)]
-        large = clutter[clutter["size"] >= limits.size]
+    for channel, ellipse, limits, clusters, is_clutter in clutter_clusters(site, screen, halo):
+        large = clusters[is_clutter & (clusters["size"] >= limits.size)]
         even = large[large["std"] <= limits.std]
         ratio = energy_ratio(channel, even[["x", "y"]].to_numpy(), ellipse)
         counts += [len(large), len(even), int((ratio <= limits.energy_ratio).sum())]
-    return int(counts[0]), int(counts[1]), int(counts[2])
+    first, second, third = counts.tolist()
+    return first, second, third
+
+
+def clutter_clusters(
+    site: Site, screen: ClusterScreen, halo: float
+) -> Iterator[tuple[Any, Any, Any, pd.DataFrame, NDArray[np.bool_]]]:
+    """Yield every image with its ellipse, its limits, its clusters, and which of them are clutter.
+
+    The parameters are those of :func:`clutter_past_prescreeners`.
+    """
+    mines = site.mines[["x", "y"]].to_numpy(dtype=np.float64)
+    for channel, (ellipse, limits) in screen.channels(site.view):
+        clusters = find_clusters(channel, limits.amplitude, screen.settings.forming)
+        places = clusters[["x", "y"]].to_numpy(dtype=np.float64)
+        in_lane = np.logical_or.reduce([lane.contains(*places.T) for lane in site.lanes])
+        distance = np.hypot(*(places[:, None] - mines).transpose(2, 0, 1)).min(axis=1)
+        yield channel, ellipse, limits, clusters, in_lane & (distance > halo)
 
 
 def _training(site: Site) -> TrainingView:

@@ -18,11 +18,37 @@ from flgpr.progress import Track
 from flgpr_papers.flsar2004 import figures
 from flgpr_papers.flsar2004.examples import join
 from flgpr_papers.flsar2004.experiment import PARTS
-from flgpr_papers.flsar2004.lanes import drive, load_settings
-from flgpr_papers.flsar2004.material import Material, Results, prepare
-from flgpr_papers.flsar2004.page import page_tables
+from flgpr_papers.flsar2004.findings import Material, Results, prepare
+from flgpr_papers.flsar2004.lanes import Settings, drive, load_settings
 from flgpr_papers.kit.cache import key_of, read_or_make
+from flgpr_papers.kit.findings import in_words
 from flgpr_papers.kit.study import Outcome, Study
+
+
+def page_tables(settings: Settings, results: Results) -> dict[str, Any]:
+    """Return what the template of the page takes."""
+    notes = results.notes
+    areas = []
+    for name, area in results.areas.items():
+        # Whole areas that were trained anew in every draw have no partial one.
+        partial = ("", "")
+        if name in results.partial:
+            partial = (in_words(*results.partial[name]), f"{results.chance[name]:.2f}")
+        areas.append((name, *partial, in_words(*area)))
+    screened = {
+        name: _note_text(value)
+        for name, value in notes.items()
+        if name.startswith(("prescreen", "fig5"))
+    }
+    return {"settings": settings, "areas": areas, "notes": notes, "screened": screened}
+
+
+def _note_text(value: Any) -> str:
+    """Format a note of the results: a text, or several named numbers."""
+    if isinstance(value, dict):
+        return ", ".join(f"{name}: {_note_text(number)}" for name, number in value.items())
+    return f"{value:.2f}" if isinstance(value, float) else str(value)
+
 
 _STYLE = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}
 
@@ -46,7 +72,7 @@ def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
     del summary["curves"]
     return Outcome(
         findings=results.findings,
-        figures=figures.drawings(settings, sites, results.curves, results.notes),
+        measured=figures.Measured(settings, sites, results),
         facts={},
         tables=page_tables(settings, results),
         files={"results.json": json.dumps(summary, indent=1) + "\n"},
@@ -58,4 +84,4 @@ def _record(part: Callable[[Material], Results], material: Material) -> dict[str
     return asdict(part(material))
 
 
-STUDY = Study("flsar2004", "flsar2004.html", run, style=_STYLE)
+STUDY = Study("flsar2004", "flsar2004.html", figures, run, style=_STYLE)

@@ -20,13 +20,7 @@ from flgpr.recipe.schema import recipe_text
 from flgpr.screen import MeanViewSums
 from flgpr.store import write_whole
 from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, simulate_lane
-from flgpr_papers.fuse2018.records import (
-    alarm_rows,
-    band_rows,
-    box_rows,
-    mine_alone_rows,
-    mine_rows,
-)
+from flgpr_papers.fuse2018.records import alarm_rows, aperture_rows
 from flgpr_papers.fuse2018.suppression import VARIANTS, Calibration, Cleaned, clean, stage_forms
 from flgpr_papers.kit.cache import Arrays, key_of, read_arrays, read_or_make, write_arrays
 
@@ -143,10 +137,8 @@ def process_lane(
     for k in track(latest_frames, f"lane {frames.name}", len(latest_frames)):
         cleaned = clean(forms, k, variants)
         tables["courses"] += cleaned.rows
-        tables["boxes"] += box_rows(cleaned, frames, recipe)
-        tables["mines"] += mine_rows(cleaned, frames, recipe)
-        tables["own"] += mine_alone_rows(cleaned, frames, recipe)
-        tables["bands"] += band_rows(cleaned, frames, recipe)
+        for name, rows in aperture_rows(cleaned, frames, recipe).items():
+            tables[name] += rows
         levels = {}
         for name, image in cleaned.images.items():
             levels[name] = np.abs(image) / calibration.background[:, None]
@@ -229,9 +221,7 @@ def write_records(path: Path, frames: Frames, records: LaneRecords) -> None:
     write_arrays(path.with_suffix(".bundle"), records.maps)
     courses = records.tables["courses"]
     poses = {row["frame"]: frames.pose(row["frame"]).tolist() for row in courses}
-    tables = {}
-    for name in _TABLES:
-        tables[name] = pd.DataFrame(records.tables[name]).to_dict("list")
+    tables = {name: pd.DataFrame(records.tables[name]).to_dict("list") for name in _TABLES}
     write_whole(path, json.dumps({"poses": poses, "tables": tables}))
 
 

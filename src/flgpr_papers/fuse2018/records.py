@@ -6,7 +6,8 @@ The truth says where mines and roadside objects are when something is measured.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from itertools import chain
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -23,6 +24,8 @@ BoolArray = NDArray[np.bool_]
 ComplexArray = NDArray[np.complex64]
 FloatArray = NDArray[np.float64]
 Rows = list[dict[str, Any]]
+Halos = dict[str, tuple[Any, BoolArray, BoolArray]]
+"""Row of the truth, halo and box (y, x) of every mine in the detection area, by its name."""
 
 
 def roadside_objects(frames: Frames, pose: FloatArray, recipe: FuseRecipe) -> pd.DataFrame:
@@ -64,11 +67,8 @@ def targets_in_area(
 
     Positions (2,) are in the frame's scan frame, m.
     """
-    targets = []
-    for row, position in zip(frames.truth.itertuples(), local(frames.truth, pose), strict=True):
-        if recipe.area.contains(*position):
-            targets.append((row, position))
-    return targets
+    placed = zip(frames.truth.itertuples(), local(frames.truth, pose), strict=True)
+    return [(row, position) for row, position in placed if recipe.area.contains(*position)]
 
 
 def stage_images(cleaned: Cleaned, chosen: BoolArray) -> dict[str, ComplexArray]:
@@ -96,63 +96,82 @@ def stage_images(cleaned: Cleaned, chosen: BoolArray) -> dict[str, ComplexArray]
     return images
 
 
-def box_rows(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> Rows:
-    """Return the power in the boxes of roadside objects, at every stage and of every variant."""
+def aperture_rows(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> dict[str, Rows]:
+    """Return what becomes of roadside objects and mines in an aperture, as rows by table.
+
+    The tables are those of `flgpr_papers.fuse2018.process.LaneResult`: ``boxes``, the power in the
+    boxes of roadside objects at every stage and of every variant; ``mines``, the mines' peaks and
+    the power in boxes about them under each variant; ``own``, how the suppression changes what the
+    mines alone give at their peaks; ``bands``, how strong mines and objects are in VV, VH and X.
+
+    Parameters
+    ----------
+    cleaned : Cleaned
+        The aperture, cleaned.
+    frames : Frames
+        The lane's frames.
+    recipe : FuseRecipe
+        The study.
+    """
     objects = roadside_objects(frames, cleaned.pose, recipe)
-    if objects.empty:
-        return []
     boxes = _boxes_of(objects, cleaned, recipe)
-    # Only pixels in some box are imaged: the stages are many.
-    in_any_box = np.any(boxes, axis=0)
-    images = stage_images(cleaned, in_any_box)
-    for name, image in cleaned.images.items():
-        images[name] = image[in_any_box]
-    sides = np.where(objects["x"] < 0, "left", "right")
-    rows: Rows = []
-    for name, side, box in zip(objects["object_id"], sides, boxes, strict=True):
-        inside = box[in_any_box]
-        for stage, image in images.items():
-            power = float(np.mean(np.abs(image[inside]) ** 2))
-            row = {"frame": cleaned.index, "object": name, "side": side, "stage": stage}
-            rows.append(row | {"power": power})
-    return rows
+    halos = {}
+    for target, position in targets_in_area(frames, cleaned.pose, recipe):
+        halo = halo_of(cleaned.stage.grid, position, recipe.score.halo / 2)
+        halos[target.target_id] = target, halo, _box(cleaned, position, recipe)
+    tables = {
+        "boxes": _box_rows(cleaned, objects, boxes) if boxes else [],
+        "mines": _mine_rows(cleaned, halos),
+        "own": _own_rows(cleaned, frames.mines, halos),
+        "bands": _band_rows(cleaned, objects, boxes, halos),
+    }
+    for row in chain.from_iterable(tables.values()):
+        row["frame"] = cleaned.index
+    return tables
 
 
 def _boxes_of(objects: pd.DataFrame, cleaned: Cleaned, recipe: FuseRecipe) -> list[BoolArray]:
     """Return the pixels (y, x) of every object's square box."""
+    return [_box(cleaned, position, recipe) for position in objects[["x", "y"]].to_numpy()]
+
+
+def _box(cleaned: Cleaned, position: FloatArray, recipe: FuseRecipe) -> BoolArray:
+    """Return the pixels (y, x) of the square box about a position."""
     grid = cleaned.stage.grid
     half = recipe.boxes.side / 2
-    return [_box(grid, position, half) for position in objects[["x", "y"]].to_numpy()]
-
-
-def _box(grid: Grid, position: FloatArray, half: float) -> BoolArray:
-    """Return the pixels (y, x) of a square box of a half side, m."""
     rows = np.abs(grid.y - position[1]) <= half
     return np.asarray(rows[:, None] & (np.abs(grid.x - position[0]) <= half))
 
 
-def mine_rows(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> Rows:
+def _power(image: NDArray[Any], pixels: BoolArray) -> float:
+    """Return the mean power of an image in some pixels."""
+    return float(np.mean(np.abs(image[pixels]) ** 2))
+
+
+def _box_rows(cleaned: Cleaned, objects: pd.DataFrame, boxes: list[BoolArray]) -> Rows:
+    """Return the power in the boxes of objects at every stage and of every variant."""
+    # Only pixels in some box are imaged: the stages are many.
+    in_any_box = np.any(boxes, axis=0)
+    images = stage_images(cleaned, in_any_box)
+    images |= {name: image[in_any_box] for name, image in cleaned.images.items()}
+    sides = np.where(objects["x"] < 0, "left", "right")
+    return [
+        {"object": name, "side": side, "stage": stage, "power": _power(image, box[in_any_box])}
+        for name, side, box in zip(objects["object_id"], sides, boxes, strict=True)
+        for stage, image in images.items()
+    ]
+
+
+def _mine_rows(cleaned: Cleaned, halos: Halos) -> Rows:
     """Return the mines' peaks, and the power in boxes about them, under each variant."""
-    grid = cleaned.stage.grid
-    half = recipe.boxes.side / 2
     original = np.abs(cleaned.aperture.vv)
     rows: Rows = []
-    for target, position in targets_in_area(frames, cleaned.pose, recipe):
-        halo = halo_of(grid, position, recipe.score.halo / 2)
-        box = _box(grid, position, half)
+    for name, (target, halo, box) in halos.items():
         is_masked = bool(cleaned.masks["pixel"][_peak_pixel(original, halo)])
         for variant, image in cleaned.images.items():
-            rows.append(
-                {
-                    "frame": cleaned.index,
-                    "target": target.target_id,
-                    "variant": variant,
-                    "depth": target.depth,
-                    "peak": float(np.abs(image[halo]).max()),
-                    "power": float(np.mean(np.abs(image[box]) ** 2)),
-                    "masked": is_masked,
-                }
-            )
+            row = {"target": name, "variant": variant, "depth": target.depth, "masked": is_masked}
+            peak = float(np.abs(image[halo]).max())
+            rows.append(row | {"peak": peak, "power": _power(image, box)})
     return rows
 
 
@@ -161,76 +180,53 @@ def _peak_pixel(magnitude: NDArray[np.floating[Any]], halo: BoolArray) -> tuple[
     return np.unravel_index(int(np.where(halo, magnitude, -1).argmax()), halo.shape)
 
 
-def mine_alone_rows(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> Rows:
-    """Return how the suppression changes what the mines alone give at their peaks."""
-    stage = cleaned.stage
-    mask = cleaned.masks["pixel"]
-    targets = targets_in_area(frames, cleaned.pose, recipe)
-    if frames.mines is None or not targets or not mask.any():
-        return []
-    stack = cleaned.aperture.stack_on(stage.points)
-    levels = {}
-    for variant, data in _mines_through_variants(cleaned, frames.mines).items():
-        levels[variant] = np.abs(stack.adjoint(data)[0, 0])
-    original = levels.pop("original")
-    rows: Rows = []
-    for target, position in targets:
-        pixel = _peak_pixel(original, halo_of(stage.grid, position, recipe.score.halo / 2))
-        for variant, level in levels.items():
-            rows.append(
-                {
-                    "frame": cleaned.index,
-                    "target": target.target_id,
-                    "variant": variant,
-                    "masked": bool(mask[pixel]),
-                    "change_db": float(20 * np.log10(level[pixel] / original[pixel])),
-                }
-            )
-    return rows
-
-
-def _mines_through_variants(cleaned: Cleaned, mines: ComplexArray) -> dict[str, ComplexArray]:
-    """Return what the mines alone add to an aperture's data, before and after each variant.
+def _own_rows(cleaned: Cleaned, mines: ComplexArray | None, halos: Halos) -> Rows:
+    """Return how the suppression changes what the mines alone give at their peaks.
 
     The suppression is that of the data as they are, with the clutter.
     """
     stage = cleaned.stage
     aperture = cleaned.aperture
-    scans = stage.setup.imager.scans[: cleaned.index + 1][-len(aperture.data) :]
-    alone = mines[scans]
+    mask = cleaned.masks["pixel"]
+    if mines is None or not halos or not mask.any():
+        return []
+    alone = mines[stage.setup.imager.scans[: cleaned.index + 1][-len(aperture.data) :]]
     data = {"original": alone, "iteration": suppressed_alone(cleaned, alone)}
     without = aperture.data.copy()
     without[:, stage.setup.imaged] -= alone
-    for variant in ("least squares", "least squares spared"):
-        if variant in cleaned.images:
-            # Its steps depend on the data: what the mines add is what they change.
-            form = cleaned.forms[variant]
-            rest = form.least_squares(replace(aperture, data=without), cleaned.masks["pixel"])
-            data[variant] = cleaned.data[variant] - rest
-    return data
+    for variant in {"least squares", "least squares spared"} & cleaned.images.keys():
+        # Its steps depend on the data: what the mines add is what they change.
+        rest = cleaned.forms[variant].least_squares(replace(aperture, data=without), mask)
+        data[variant] = cleaned.data[variant] - rest
+    stack = aperture.stack_on(stage.points)
+    levels = {variant: np.abs(stack.adjoint(data[variant])[0, 0]) for variant in sorted(data)}
+    original = levels.pop("original")
+    rows: Rows = []
+    for name, (_, halo, _) in halos.items():
+        pixel = _peak_pixel(original, halo)
+        for variant, level in levels.items():
+            change = float(20 * np.log10(level[pixel] / original[pixel]))
+            row = {"target": name, "variant": variant, "masked": bool(mask[pixel])}
+            rows.append(row | {"change_db": change})
+    return rows
 
 
-def band_rows(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> Rows:
+def _band_rows(
+    cleaned: Cleaned, objects: pd.DataFrame, boxes: list[BoolArray], halos: Halos
+) -> Rows:
     """Return how strong mines and roadside objects are in VV, VH and the X band."""
     aperture = cleaned.aperture
-    stage = cleaned.stage
     images = {"vv": np.abs(aperture.vv), "vh": np.abs(aperture.vh)}
     if aperture.second is not None:
         images["x"] = aperture.second
-    mask = _fundamental(cleaned, stage.settings.intersect)
-    objects = roadside_objects(frames, cleaned.pose, recipe)
-    regions = []
-    boxes = _boxes_of(objects, cleaned, recipe)
-    for name, box in zip(objects["object_id"], boxes, strict=True):
-        regions.append(("clutter", name, box))
-    for target, position in targets_in_area(frames, cleaned.pose, recipe):
-        halo = halo_of(stage.grid, position, recipe.score.halo / 2)
-        regions.append(("mine", target.target_id, halo))
+    mask = _fundamental(cleaned, cleaned.stage.settings.intersect)
+    regions = [("clutter", *one) for one in zip(objects["object_id"], boxes, strict=True)]
+    regions += [("mine", name, halo) for name, (_, halo, _) in halos.items()]
     rows: Rows = []
     for what, name, pixels in regions:
         power = images["vv"][pixels] ** 2
         held = float(power[mask[pixels]].sum() / power.sum())
-        row = {"frame": cleaned.index, "what": what, "name": name, "held": held}
+        row = {"what": what, "name": name, "held": held}
         for band, image in images.items():
             # over the median of the rows that the pixels lie in
             row[band] = float(image[pixels].max() / np.median(image[pixels.any(axis=1)]))
@@ -251,10 +247,8 @@ def alarm_rows(cleaned: Cleaned, variant: str, level: FloatArray, recipe: FuseRe
     alarms = frame_alarms(level, cleaned.stage.grid, recipe.area, recipe.score.radius)
     x, y, _ = scan_to_lane(ground_points(alarms), cleaned.pose).T
     alarms = alarms.rename(columns={"x": "across", "y": "ahead"})
-    rows: list[Any] = alarms.assign(variant=variant, frame=cleaned.index, x=x, y=y).to_dict(
-        "records"
-    )
-    return rows
+    rows = alarms.assign(variant=variant, frame=cleaned.index, x=x, y=y).to_dict("records")
+    return cast("Rows", rows)
 
 
 def example_arrays(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> Arrays:
@@ -315,9 +309,8 @@ def example_arrays(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> Arra
 def _strongest_objects(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> FloatArray:
     """Return the positions (object, 2) of the strongest roadside object on either side, m."""
     objects = roadside_objects(frames, cleaned.pose, recipe)
-    powers = []
-    for box in _boxes_of(objects, cleaned, recipe):
-        powers.append(float(np.mean(np.abs(cleaned.aperture.vv[box]) ** 2)))
+    vv = cleaned.aperture.vv
+    powers = [_power(vv, box) for box in _boxes_of(objects, cleaned, recipe)]
     objects = objects.assign(power=powers, left=objects["x"] < 0)
     strongest = objects.sort_values("power").groupby("left").tail(1)
     return strongest[["x", "y"]].to_numpy(dtype=np.float64)

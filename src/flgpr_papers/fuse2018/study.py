@@ -7,20 +7,32 @@ statements.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
+from itertools import pairwise, product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
+import pandas as pd
 
+from flgpr.clutter import TABLE_II
 from flgpr.progress import Track
+from flgpr.scoring import pd_at
 from flgpr_papers.fuse2018 import figures
-from flgpr_papers.fuse2018.findings import all_findings
+from flgpr_papers.fuse2018.figures import Measured
+from flgpr_papers.fuse2018.findings import STATEMENTS, all_findings, power_db, strongest_boxes
 from flgpr_papers.fuse2018.fullwave import fullwave_study
-from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, fuse_recipe, masks_stage, simulate_lane
-from flgpr_papers.fuse2018.page import Measured, page_facts, page_tables, roc_rows
+from flgpr_papers.fuse2018.lanes import (
+    BANDS,
+    Frames,
+    FuseRecipe,
+    band_sensor,
+    fuse_recipe,
+    masks_stage,
+    simulate_lane,
+)
+from flgpr_papers.fuse2018.matches import CONVENTIONS, scored
 from flgpr_papers.fuse2018.poses import pose_study
 from flgpr_papers.fuse2018.process import (
     LaneResult,
@@ -33,7 +45,94 @@ from flgpr_papers.fuse2018.process import (
 from flgpr_papers.fuse2018.records import example_arrays
 from flgpr_papers.fuse2018.suppression import VARIANTS, Calibration, Cleaned
 from flgpr_papers.kit.cache import read_arrays, write_arrays
+from flgpr_papers.kit.findings import Finding
+from flgpr_papers.kit.page import HEADER, point_rows
 from flgpr_papers.kit.study import Outcome, Study
+
+
+def page_facts(measured: Measured, found: Sequence[Finding]) -> dict[str, Any]:
+    """Return what the captions and their numbers take."""
+    recipe = measured.recipe
+    by_claim = {finding.claim: finding.ours for finding in found}
+    ours = {
+        name: by_claim.get(statement["claim"], "nothing to measure")
+        for name, statement in STATEMENTS.declared.items()
+    }
+    masks = {name: mask for name, mask in measured.example.items() if mask.dtype == bool}
+    return {
+        "recipe": recipe,
+        "regions": len(recipe.image.edges) - 1,
+        "borders": ", ".join(f"{edge:g}" for edge in recipe.image.edges),
+        "pixels": {name: f"{100 * np.mean(mask):.1f} %" for name, mask in masks.items()},
+        "ours": ours,
+        "right_box": _right_box(measured),
+        "pds": _pd_texts(measured),
+    }
+
+
+def _right_box(measured: Measured) -> str:
+    """Return by how much #5 and #6 differ in the right box of the example frame."""
+    boxes = strongest_boxes(measured.lanes[:1])
+    is_shown = boxes["frame"] == int(measured.example["frame"])
+    boxes = boxes[is_shown & (boxes["side"] == "right")]
+    if boxes.empty:
+        return "there is none."
+    more = float((power_db(boxes, "#6") - power_db(boxes, "#5"))[0])
+    return f"{'#5' if more > 0 else '#6'} leaves less, by {abs(more):.1f} dB."
+
+
+def _pd_texts(measured: Measured) -> dict[str, str]:
+    """Return Pd without and with suppression by lane and FAR, for Fig. 9."""
+    texts = {}
+    for lane in measured.lanes:
+        before, after = [
+            scored(lane, name, measured.recipe, "frames")[1] for name in ("original", "iteration")
+        ]
+        for far in (0.05, 0.1):
+            texts[f"{lane.name} {far:g}"] = f"{pd_at(before, far):.2f} and {pd_at(after, far):.2f}"
+    return texts
+
+
+def page_tables(measured: Measured) -> dict[str, Any]:
+    """Return what the template of the page takes."""
+    recipe = measured.recipe
+    learnt = measured.calibration.learnt
+    poses = measured.poses
+    losses = {f"formula, {band.upper()} band, dB": poses.predicted[band] for band in BANDS}
+    losses["reflectors, L band, median, dB"] = np.median(poses.measured, axis=1)
+    courses = pd.concat([lane.courses for lane in measured.lanes])
+    sensors = [band_sensor(recipe, band) for band in BANDS]
+    return {
+        "recipe": recipe,
+        "lanes": measured.lanes,
+        "header": HEADER,
+        "points": _points(recipe, measured.lanes),
+        "regions": [f"{a:g} to {b:g} m" for a, b in pairwise(recipe.image.edges)],
+        "levels": {name: 20 * np.log10(value) for name, value in learnt.items()},
+        "looks": learnt["looks"],
+        "variants": VARIANTS,
+        "courses": {name: rows for name, rows in courses.groupby("variant") if name != "original"},
+        "poses": poses,
+        "errors": [f"{1000 * error:g}" for error in poses.errors],
+        "losses": losses,
+        "fullwave": measured.fullwave,
+        "sensors": sensors,
+        "antennas": [[len(np.unique(side, axis=0)) for side in one.pairs()] for one in sensors],
+        "combinations": TABLE_II,
+    }
+
+
+def _points(recipe: FuseRecipe, lanes: Sequence[LaneResult]) -> list[tuple[str, ...]]:
+    """Return Pd at operating points, before and after, by both conventions of FAR."""
+    rows: list[tuple[str, ...]] = []
+    for lane, convention, variant in product(lanes, CONVENTIONS, ("original", "iteration")):
+        matched, _, options = scored(lane, variant, recipe, convention)
+        area = {name: options[name] for name in ("area", "frame_area") if name in options}
+        inside = matched.truth["inside"].to_numpy(dtype=bool)
+        subsets = {f"lane {lane.name}, {convention}": inside}
+        rows += point_rows({variant: matched}, subsets, shared="count", **area)
+    return rows
+
 
 LANES = ("A", "B")
 
@@ -45,49 +144,24 @@ def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
     lanes = [lane_result(folder, recipe, name, quick, calibration, track) for name in LANES]
     loose = lane_result(folder, recipe, LANES[0], quick, calibration, track, loose=True)
     key = result_key(recipe, quick, calibration)
+    shown = read_arrays(folder / "results" / f"example-{key}.bundle")
     measured = Measured(
         recipe=recipe,
         lanes=lanes,
         loose=loose,
         calibration=calibration,
-        example=read_arrays(folder / "results" / f"example-{key}.bundle"),
+        example={**shown, "box side": np.asarray(recipe.boxes.side)},
         poses=pose_study(recipe, draws=8 if quick else 60),
         fullwave=fullwave_study(quick),
     )
     findings = all_findings(lanes, loose, recipe)
     return Outcome(
         findings=findings,
-        figures=_figures(measured),
+        measured=measured,
         facts=page_facts(measured, findings),
-        rows={"figure-9": roc_rows(measured)},
         tables=page_tables(measured),
         files={"fullwave.csv": measured.fullwave.table.to_csv(index=False)},
     )
-
-
-def _figures(measured: Measured) -> dict[str, Callable[[], Figure]]:
-    """Return what draws each figure of the page, by name."""
-    recipe = measured.recipe
-    lanes = measured.lanes
-    shown = {**measured.example, "box side": np.asarray(recipe.boxes.side)}
-    drawn: dict[str, Callable[[], Figure]] = {
-        "figure-1": partial(figures.geometry_figure, recipe),
-        "figure-2": partial(figures.procedure_figure, shown),
-    }
-    for number, (band, title) in enumerate(figures.BANDS.items(), start=3):
-        if band in shown:
-            drawn[f"figure-{number}"] = partial(figures.mask_figure, shown, band, title)
-    return drawn | {
-        "figure-6": partial(figures.masks_figure, shown, figures.MIXED),
-        "figure-7": partial(figures.images_figure, shown, figures.STAGES, (8.6, 5.2), 2),
-        "figure-8": partial(figures.power_figure, lanes, shown, recipe),
-        "figure-9": partial(figures.roc_figure, lanes, recipe),
-        "variants": partial(figures.images_figure, shown, figures.CLEANED, (9.5, 8.6), 3),
-        "regions": partial(figures.masks_figure, shown, figures.READINGS),
-        "variants-roc": partial(figures.variants_roc_figure, lanes, recipe),
-        "poses": partial(figures.pose_figure, measured.poses, lanes, measured.loose),
-        "fullwave": partial(figures.fullwave_figure, measured.fullwave),
-    }
 
 
 def lane_result(
@@ -165,4 +239,4 @@ def loosened(frames: Frames, recipe: FuseRecipe) -> Frames:
     return replace(frames, stage=masks_stage(runs, recipe))
 
 
-STUDY = Study("fuse2018", "fuse2018.html", run, dpi=(110, 60))
+STUDY = Study("fuse2018", "fuse2018.html", figures, run, dpi=(110, 60))

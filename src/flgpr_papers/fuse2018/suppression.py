@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -18,41 +19,17 @@ from flgpr.clutter import (
     fallen_back,
     suppress_by_model,
 )
-from flgpr.stages.masks import Aperture, MaskedSuppression, OperatorOn
+from flgpr.stages.masks import Aperture, MaskedSuppression
 from flgpr.types import Arrays
 from flgpr_papers.fuse2018.lanes import Frames, trained
+from flgpr_papers.kit.settings import packaged_text
 
 BoolArray = NDArray[np.bool_]
 ComplexArray = NDArray[np.complex64]
 FloatArray = NDArray[np.float64]
-VARIANTS = {
-    "original": "original image",
-    "iteration": "iteration in each frame under one mask (Sec. 2.3)",
-    "as printed": "the same, averaged whatever came: without a fall-back to the best iteration",
-    "shared": "iteration, one reflectivity for all frames (another reading of Sec. 2.3)",
-    "whole response": "iteration, B made of the whole response (another reading of Eq. 7)",
-    "calibrated roadside": "iteration, the extended mask's threshold from the calibration lane",
-    "regions": "iteration, masks intersected by connected region (another reading of Sec. 2.4)",
-    "least squares": "least squares at equal cost, one reflectivity for all frames",
-    "least squares per frame": "least squares at equal cost, a reflectivity for every frame",
-    "least squares spared": (
-        "least squares, the road fitted too and not subtracted, as many iterations"
-    ),
-    "L band alone": "iteration, masks from VV and VH alone",
-}
+_DECLARED: dict[str, dict[str, Any]] = tomllib.loads(packaged_text("fuse2018", "variants"))
+VARIANTS: dict[str, str] = {name: one["title"] for name, one in _DECLARED.items()}
 """Variants of the suppression that are compared, and how they are called in full."""
-_FORMS: dict[str, dict[str, str]] = {
-    "iteration": {},
-    "shared": {"method": "iteration"},
-    "whole response": {"amplitude": "whole"},
-    "calibrated roadside": {"low_threshold": "calibration"},
-    "regions": {"intersect": "region"},
-    "least squares": {"method": "least-squares"},
-    "least squares spared": {"method": "least-squares-spared"},
-}
-"""Settings of the detection chain's stage that make a variant."""
-MASKS = {"regions": "region", "L band alone": "L", "calibrated roadside": "calibrated"}
-"""Masks of the variants, "pixel" of all others."""
 
 
 @dataclass(frozen=True)
@@ -95,10 +72,11 @@ def stage_forms(frames: Frames, calibration: Calibration) -> dict[str, MaskedSup
 
     Variants that the stage does not know are left out.
     """
-    forms = {}
-    for name, changes in _FORMS.items():
-        forms[name] = trained(frames.stage, calibration.learnt, **changes)
-    return forms
+    return {
+        name: trained(frames.stage, calibration.learnt, **variant["settings"])
+        for name, variant in _DECLARED.items()
+        if "settings" in variant
+    }
 
 
 def clean(forms: dict[str, MaskedSuppression], index: int, variants: Sequence[str]) -> Cleaned:
@@ -138,33 +116,22 @@ def clean(forms: dict[str, MaskedSuppression], index: int, variants: Sequence[st
         data[variant] = cleaned
         images[variant] = stack.adjoint(cleaned)[0, 0]
         original = aperture.data[:, stage.setup.imaged]
+        falls_back = variant != "as printed" and forms.get(variant, stage).settings.fall_back
+        combination = stage.settings.combination
         rows.append(
             {
                 "frame": index,
                 "variant": variant,
-                **_course_summary(variant, forms, courses),
+                "rises": sum(course.rises for course in courses),
+                "rise": max((course.rise for course in courses), default=0.0),
+                "diverged": any(course.diverged for course in courses),
+                "fallen": falls_back and any(fallen_back(one, combination) for one in courses),
                 "residual": float(np.linalg.norm(cleaned) / np.linalg.norm(original)),
-                "masked": float(masks[MASKS.get(variant, "pixel")].mean()),
+                "masked": float(masks[_DECLARED[variant].get("mask", "pixel")].mean()),
                 "cpu": seconds,
             }
         )
     return Cleaned(index, forms, aperture, masks, main_courses, data, images, rows)
-
-
-def _course_summary(
-    variant: str, forms: dict[str, MaskedSuppression], courses: Sequence[Iterated]
-) -> dict[str, Any]:
-    """Return how the iterations of a variant went, for ``LaneRecords.courses``."""
-    stage = forms.get(variant, forms["iteration"])
-    combination = forms["iteration"].settings.combination
-    falls_back = variant != "as printed" and stage.settings.fall_back
-    has_fallen = any(fallen_back(course, combination) for course in courses)
-    return {
-        "rises": sum(course.rises for course in courses),
-        "rise": max((course.rise for course in courses), default=0.0),
-        "diverged": any(course.diverged for course in courses),
-        "fallen": falls_back and has_fallen,
-    }
 
 
 def _suppressed(
@@ -180,7 +147,7 @@ def _suppressed(
     """
     stage = forms.get(variant, forms["iteration"])
     data = aperture.data[:, stage.setup.imaged]
-    mask = masks[MASKS.get(variant, "pixel")]
+    mask = masks[_DECLARED[variant].get("mask", "pixel")]
     if variant == "original":
         return data, []
     if variant == "as printed":
@@ -189,26 +156,19 @@ def _suppressed(
     if variant in ("least squares", "least squares spared"):
         return stage.least_squares(aperture, mask), []
     if variant == "least squares per frame":
-        return _least_squares_per_frame(stage, aperture, mask), []
+        if not mask.any():
+            return data, []
+        points = stage.points[mask]
+        iterations = equal_cost(stage.settings.iterations, mask, stage.region)
+        cleaned = [
+            suppress_by_model(frame, operator_on(points), iterations).data
+            for frame, operator_on in zip(data, aperture.operators, strict=True)
+        ]
+        return np.stack(cleaned), []
     courses = main_courses
     if variant != "iteration":
         courses = stage.courses(aperture, mask)
     return stage.averaged(courses), courses
-
-
-def _least_squares_per_frame(
-    stage: MaskedSuppression, aperture: Aperture, mask: BoolArray
-) -> ComplexArray:
-    """Clean an aperture by least squares at equal cost, with a reflectivity for every frame."""
-    frames = aperture.data[:, stage.setup.imaged]
-    if not mask.any():
-        return frames
-    iterations = equal_cost(stage.settings.iterations, mask, stage.region)
-    cleaned = []
-    for frame, operator_on in zip(frames, aperture.operators, strict=True):
-        operator = operator_on(stage.points[mask])
-        cleaned.append(suppress_by_model(frame, operator, iterations).data)
-    return np.stack(cleaned)
 
 
 def suppressed_alone(cleaned: Cleaned, data: ComplexArray) -> ComplexArray:
@@ -223,32 +183,26 @@ def suppressed_alone(cleaned: Cleaned, data: ComplexArray) -> ComplexArray:
     data : (frame, 1, pair, frequency) ndarray
         Other data of the same frames.
     """
+    stage = cleaned.stage
+    mask = cleaned.masks["pixel"]
+    regions = np.unique(stage.region[mask])
+    combination = stage.settings.combination
     suppressed = []
     for frame, operator_on, course in zip(
         data, cleaned.aperture.operators, cleaned.courses, strict=True
     ):
-        suppressed.append(_frame_alone(cleaned, frame, operator_on, course))
-    return np.stack(suppressed)
-
-
-def _frame_alone(
-    cleaned: Cleaned, data: ComplexArray, operator_on: OperatorOn, course: Iterated
-) -> ComplexArray:
-    """Suppress the data (polarization, pair, frequency) of a frame by its course's amplitudes."""
-    stage = cleaned.stage
-    mask = cleaned.masks["pixel"]
-    operators = {}
-    for region in np.unique(stage.region[mask]):
-        operators[int(region)] = operator_on(stage.points[mask & (stage.region == region)])
-    iterates = [data]
-    for B in course.amplitude:
-        rest = iterates[-1]
-        for region, operator in operators.items():
-            x_hat = operator.adjoint(iterates[-1])
-            rest = rest - np.float32(B[region, 0]) * operator.forward(x_hat)  # Eq. 5 and 6
-        iterates.append(rest)
-    combination = stage.settings.combination
-    best = fallen_back(course, combination).get(0)
-    iterations = TABLE_II[combination] if best is None else (best,)
-    averaged = np.mean([iterates[number] for number in iterations], axis=0)
-    return np.asarray(averaged, dtype=np.complex64)
+        operators = {
+            int(region): operator_on(stage.points[mask & (stage.region == region)])
+            for region in regions
+        }
+        iterates = [frame]
+        for B in course.amplitude:
+            rest = iterates[-1]
+            for region, operator in operators.items():
+                x_hat = operator.adjoint(iterates[-1])
+                rest = rest - np.float32(B[region, 0]) * operator.forward(x_hat)  # Eq. 5 and 6
+            iterates.append(rest)
+        best = fallen_back(course, combination).get(0)
+        iterations = TABLE_II[combination] if best is None else (best,)
+        suppressed.append(np.mean([iterates[number] for number in iterations], axis=0))
+    return np.stack(suppressed).astype(np.complex64)

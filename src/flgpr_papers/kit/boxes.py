@@ -116,11 +116,8 @@ def peak_roc(
     """
     if not (math.isfinite(box_area) and box_area > 0):
         raise ValueError(f"box_area must be positive, got {box_area}")
-    h1 = np.asarray(target_peaks, dtype=np.float64).ravel()
-    h0 = np.asarray(clutter_peaks, dtype=np.float64).ravel()
-    not_imaged = int(np.isnan(h1).sum())
-    h1 = h1[~np.isnan(h1)]
-    h0 = h0[~np.isnan(h0)]
+    both = [np.asarray(peaks, dtype=np.float64).ravel() for peaks in (target_peaks, clutter_peaks)]
+    h1, h0 = [peaks[~np.isnan(peaks)] for peaks in both]
     if len(h0) == 0:
         raise ValueError("clutter_peaks must hold at least one imaged box, got none")
     thresholds = np.append(np.inf, np.unique(np.concatenate([h1, h0]))[::-1])
@@ -130,7 +127,7 @@ def peak_roc(
         **describe("box"),
         "box_area": float(box_area),
         "n_boxes": len(h0),
-        "n_not_imaged": not_imaged,
+        "n_not_imaged": both[0].size - h1.size,
     }
     curve = make_curve(thresholds, n_detected, n_false, len(h1), len(h0) * box_area, attrs, level)
     low, high = clopper_pearson(n_false, len(h0), level)
@@ -176,15 +173,12 @@ def box_peaks(
     values = values.reshape(-1, along.size, across.size)
     known = np.where(np.isnan(values), -np.inf, values)
     points = np.asarray(centre, dtype=np.float64).reshape(-1, 2)
-    left = np.searchsorted(across, points[:, 0] - box / 2)
-    right = np.searchsorted(across, points[:, 0] + box / 2)
-    low = np.searchsorted(along, points[:, 1] - box / 2)
-    high = np.searchsorted(along, points[:, 1] + box / 2)
+    columns = np.searchsorted(across, points[:, :1] + [-box / 2, box / 2])
+    rows = np.searchsorted(along, points[:, 1:] + [-box / 2, box / 2])
     peaks = np.full((len(known), len(points)), -np.inf)
-    for number in range(len(points)):
-        patch = known[:, low[number] : high[number], left[number] : right[number]]
-        if patch.size:
-            peaks[:, number] = patch.max(axis=(1, 2))
+    for number, (row, column) in enumerate(zip(rows, columns, strict=True)):
+        patch = known[:, slice(*row), slice(*column)]
+        peaks[:, number] = patch.max(axis=(1, 2), initial=-np.inf)
     return np.where(np.isneginf(peaks), np.nan, peaks)
 
 
@@ -217,12 +211,11 @@ def offset_boxes(
         raise ValueError(
             f"box must be positive and clearance not negative, got {box} m and {clearance} m"
         )
-    columns = int((tiled.x_max - tiled.x_min) / box + 1e-9)
-    rows = int((tiled.y_max - tiled.y_min) / box + 1e-9)
-    across = tiled.x_min + box * (np.arange(columns) + 0.5)
-    along = tiled.y_min + box * (np.arange(rows) + 0.5)
-    x, y = np.meshgrid(across, along)
-    centres = np.stack([x.ravel(), y.ravel()], axis=1)
+    across, along = [
+        low + box * (np.arange(int((high - low) / box + 1e-9)) + 0.5)
+        for low, high in ((tiled.x_min, tiled.x_max), (tiled.y_min, tiled.y_max))
+    ]
+    centres = np.stack(np.meshgrid(across, along), axis=-1).reshape(-1, 2)
     points = np.asarray(targets, dtype=np.float64).reshape(-1, 2)
     apart = np.abs(centres[:, None, :] - points[None, :, :]).max(axis=-1, initial=0.0)
     return centres[(apart >= box + clearance - 1e-9).all(axis=1)]

@@ -89,13 +89,11 @@ def store_lane(
     """
     store = folder / f"{scene.name}.zarr"
     digest_file = folder / f"{scene.name}.digest"
-    content = {
-        "scene": scene.model_dump(mode="json"),
-        "seed": seed,
-        "sensor": sensor.model_dump(mode="json"),
-    }
+    described = [one.model_dump(mode="json") for one in (scene, sensor)]
+    content = dict(zip(("scene", "sensor", "seed"), (*described, seed), strict=True))
     digest = sha256(canonical_json(content))
-    if store.is_dir() and _has_digest(digest_file, digest):
+    known = digest_file.read_text("utf-8").strip() if digest_file.is_file() else ""
+    if store.is_dir() and known == digest:
         read_manifest(store)  # raises an error for a store that is not committed
     else:
         refuse_links(store, digest_file)
@@ -104,10 +102,4 @@ def store_lane(
         shutil.rmtree(store, ignore_errors=True)
         simulate_to_store(scene, sensor, seed, store, track=track)
         write_whole(digest_file, digest + "\n")
-    truth = draw_world(scene, seed).truth()
-    return store, truth, scene.lane
-
-
-def _has_digest(path: Path, digest: str) -> bool:
-    """Return whether a file holds a digest."""
-    return path.is_file() and path.read_text(encoding="utf-8").strip() == digest
+    return store, draw_world(scene, seed).truth(), scene.lane

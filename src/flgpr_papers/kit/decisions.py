@@ -54,7 +54,8 @@ def decision_curves(
     """
     one_of("combine", combine, ("max", "mean"))
     table = check_alarms(sightings.drop(columns="alarm_id", errors="ignore"))
-    if "ahead" not in table.columns or not _all_finite(table["ahead"]):
+    ahead = pd.to_numeric(table.get("ahead", pd.Series([np.nan])), errors="coerce")
+    if not np.isfinite(ahead).all():
         raise ValueError(
             "sightings must have the column ahead, finite, m: "
             "the distance from the radar in that scan"
@@ -83,21 +84,17 @@ def _one_row_per_alarm(
     return rows.assign(confidence=combined).loc[strongest].reset_index(drop=True)
 
 
-def _all_finite(column: pd.Series[Any]) -> bool:
-    """Return whether all cells of a column are finite numbers."""
-    return bool(np.isfinite(pd.to_numeric(column, errors="coerce")).all())
-
-
 def _names_of_alarms(column: pd.Series[Any]) -> list[Any]:
     """Return the name of each row's alarm.
 
     A row without a name is an alarm of its own. Its number cannot be taken for a name, which is
     text.
     """
-    names: list[Any] = []
-    for row, (name, is_missing) in enumerate(zip(column, column.isna(), strict=True)):
-        names.append(row if is_missing else str(name))
-    return names
+    is_missing = column.isna()
+    return [
+        row if missing else str(name)
+        for row, (name, missing) in enumerate(zip(column, is_missing, strict=True))
+    ]
 
 
 def decision_table(

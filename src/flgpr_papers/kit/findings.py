@@ -100,7 +100,7 @@ class Finding:
 
     def __post_init__(self) -> None:
         is_decided = self.verdict in (AGREES, DISAGREES)
-        if is_decided and (self.interval is None or np.isnan(self.interval).any()):
+        if is_decided and not (self.interval and not np.isnan(self.interval).any()):
             raise ValueError(
                 f"interval of {self.claim!r} must be known if it {self.verdict}, got "
                 f"{self.interval}"
@@ -144,19 +144,6 @@ class Finding:
     def shown_in_words(self) -> str:
         """In how many experiments of the paper's size it shows; empty without repeats."""
         return "" if self.shown is None else "{} of {}".format(*self.shown)
-
-
-def for_run(findings: Sequence[Finding], quick: bool) -> list[Finding]:
-    """Return findings as a run writes them: a quick run has numbers, but no verdicts."""
-    if not quick:
-        return list(findings)
-    without_verdicts = []
-    for finding in findings:
-        if finding.verdict == OPEN:
-            without_verdicts.append(finding)
-        else:
-            without_verdicts.append(replace(finding, verdict=NO_VERDICT))
-    return without_verdicts
 
 
 def judge(
@@ -278,9 +265,6 @@ def over_experiments(experiments: Sequence[Finding]) -> Finding:
     table = np.array([one.parts or one.interval[:1] for one in experiments if one.interval])
     bounds = first.bounds
     parts = [students(row, together(len(table.T)), bounds) for row in table.T]
-    asked = first.rule, first.worth, first.figure
-    answers = [judge(part, *asked) for part in parts]
-    powers = [power(part, *asked, bounds) for part in parts]
     texts = [in_words(*part, first.unit) for part in parts]
     if first.names:
         texts = [f"{name} {_signed(part)}" for name, part in zip(first.names, parts, strict=True)]
@@ -288,12 +272,25 @@ def over_experiments(experiments: Sequence[Finding]) -> Finding:
     return replace(
         first,
         ours="; ".join(texts),
-        verdict=all_of(answers),
-        interval=parts[0] if len(parts) == 1 else min(parts, key=_lower_end),
         parts=tuple(part[0] for part in parts) if first.parts else (),
-        power=joint_power(powers),
         shown=(shown, len(table)),
+        **_answers(parts, first.rule, first.worth, first.figure, bounds),
     )
+
+
+def _answers(
+    parts: Sequence[Interval],
+    rule: Bounds,
+    worth: float = 0.0,
+    figure: Interval | None = None,
+    bounds: Bounds | None = None,
+) -> dict[str, Any]:
+    """Return verdict and power of a claim by its parts, and the part with the lowest interval."""
+    return {
+        "verdict": all_of([judge(part, rule, worth, figure) for part in parts]),
+        "power": joint_power([power(part, rule, worth, figure, bounds) for part in parts]),
+        "interval": min(parts, key=lambda part: part[1]),
+    }
 
 
 def joint_power(powers: Sequence[Bounds]) -> Bounds:
@@ -346,47 +343,52 @@ def measured(
     unit: str = "",
     bounds: Bounds | None = None,
     figure: Interval | None = None,
+    note: str = "",
 ) -> Finding:
     """Return the finding of a number, judged by its rule; it is open without one.
 
     Parameters
     ----------
-    claim, paper, quantity, rule, worth, unit, figure
+    claim, paper, quantity, rule, worth, unit, figure, note
         As the fields of :class:`Finding`.
     interval : Interval
         The number and its interval.
     bounds : Bounds, optional
         Bounds of the number, at which the interval is cut.
     """
-    if bounds is not None:
-        interval = clip(interval, bounds)
+    interval = clip(interval, bounds)
+    judged: dict[str, Any] = {"verdict": OPEN, "interval": interval}
+    if rule is not None:
+        judged = _answers([interval], rule, worth, figure, bounds)
+    ours = in_words(*interval, unit)
     return Finding(
-        claim=claim,
-        paper=paper,
-        ours=in_words(*interval, unit),
-        verdict=OPEN if rule is None else judge(interval, rule, worth, figure),
+        claim,
+        paper,
+        ours,
+        note=note,
         quantity=quantity,
-        interval=interval,
         rule=rule,
         worth=worth,
         unit=unit,
         bounds=bounds,
         figure=figure,
-        power=None if rule is None else power(interval, rule, worth, figure, bounds),
+        **judged,
     )
 
 
-def in_words(value: float, low: float, high: float, unit: str = "") -> str:
+def in_words(
+    value: float, low: float, high: float, unit: str = "", alone: str = "one sample, no interval"
+) -> str:
     """Format a value with its interval, with as many digits as the width of the interval supports.
 
     There are at most three significant digits of the largest of the three numbers, and at most four
-    decimals.
+    decimals. ``alone`` stands in place of an interval that is not finite.
     """
     if math.isnan(value):
         return "nothing to measure"
     unit_after = f" {unit}" if unit else ""
     if not math.isfinite(high - low):
-        return f"{value:.3g}{unit_after} (one sample, no interval)"
+        return f"{value:.3g}{unit_after} ({alone})"
     digits = decimals((value, low, high), high - low)
     return f"{value:z.{digits}f}{unit_after} ({low:z.{digits}f} to {high:z.{digits}f})"
 
@@ -396,7 +398,7 @@ def decimals(values: Sequence[float], width: float) -> int:
 
     The width's two leading digits are shown, and never more decimals than the module's limits.
     """
-    largest = max(abs(value) for value in values)
+    largest = max(map(abs, values))
     by_width = _MOST_DIGITS
     if width > 0:
         by_width = 1 - math.floor(math.log10(width))
@@ -406,54 +408,38 @@ def decimals(values: Sequence[float], width: float) -> int:
     return max(0, min(by_width, by_size, _MOST_DECIMALS))
 
 
-def parts_larger(
+def of_parts(
     claim: str,
     paper: str,
     intervals: Mapping[str, Interval],
-    limit: float = 0.0,
+    rule: Bounds,
     worth: float = 0.0,
-    note: str = "",
     bounds: Bounds | None = None,
+    **fields: Any,
 ) -> Finding:
-    """Return the finding of a claim that several numbers lie above a limit.
+    """Return the finding of a claim that several numbers are what a rule asks for.
 
     The number of the finding is that of the part with the lowest interval.
 
     Parameters
     ----------
-    claim, paper, note
+    claim, paper, rule, worth
         As the fields of :class:`Finding`.
     intervals : mapping of str to Interval
         Number and interval of every part by its name. The intervals are to hold all together, see
         :func:`flgpr_papers.kit.intervals.together`.
-    limit, worth : float
-        Every number is to lie above the limit, by a gain that counts.
     bounds : Bounds, optional
         Bounds of the numbers, at which the intervals are cut.
+    **fields
+        Further fields, or others in place of what the parts give.
     """
-    cut = dict(intervals)
-    if bounds is not None:
-        cut = {name: clip(interval, bounds) for name, interval in intervals.items()}
-    rule = (limit, math.inf)
+    cut = {name: clip(interval, bounds) for name, interval in intervals.items()}
+    ours = "; ".join(f"{name} {_signed(interval)}" for name, interval in cut.items())
+    parts = tuple(value for value, _, _ in cut.values())
+    given = {"ours": ours, **_answers([*cut.values()], rule, worth, None, bounds), **fields}
     return Finding(
-        claim=claim,
-        paper=paper,
-        ours="; ".join(f"{name} {_signed(interval)}" for name, interval in cut.items()),
-        verdict=all_of([judge(interval, rule, worth) for interval in cut.values()]),
-        note=note,
-        interval=min(cut.values(), key=_lower_end),
-        rule=rule,
-        worth=worth,
-        parts=tuple(value for value, _, _ in cut.values()),
-        names=tuple(cut),
-        bounds=bounds,
-        power=joint_power([power(one, rule, worth, bounds=bounds) for one in cut.values()]),
+        claim, paper, rule=rule, worth=worth, parts=parts, names=tuple(cut), bounds=bounds, **given
     )
-
-
-def _lower_end(interval: Interval) -> float:
-    """Return the lower end of an interval."""
-    return interval[1]
 
 
 def _signed(interval: Interval) -> str:
@@ -482,7 +468,10 @@ def write_findings(folder: Path, findings: Sequence[Finding], quick: bool, **mor
         What else belongs to the run; among it ``world``, which
         :func:`flgpr_papers.overview.run_study` reads.
     """
-    rows = [row_of(finding) for finding in for_run(findings, quick)]
+    rows = []
+    for finding in findings:
+        verdict = NO_VERDICT if quick and finding.verdict != OPEN else finding.verdict
+        rows.append(row_of(finding) | {"verdict": verdict})
     content = {"quick": quick, **more, "findings": rows}
     write_whole(folder / "findings.json", json.dumps(content, indent=2, ensure_ascii=False) + "\n")
 

@@ -55,8 +55,7 @@ def students(values: ArrayLike, level: float = 0.95, bounds: Bounds | None = Non
         return mean, -math.inf, math.inf
     error = float(sample.std(ddof=1)) / math.sqrt(sample.size)
     half = float(stdtrit(sample.size - 1, (1 + level) / 2)) * error
-    interval = mean, mean - half, mean + half
-    return interval if bounds is None else clip(interval, bounds)
+    return clip((mean, mean - half, mean + half), bounds)
 
 
 def intracluster(table: ArrayLike) -> float:
@@ -147,15 +146,13 @@ def paired_shares(first: ArrayLike, second: ArrayLike, level: float = 0.95) -> I
     return more - less, low, high
 
 
-def clip(interval: Interval, bounds: Bounds) -> Interval:
+def clip(interval: Interval, bounds: Bounds | None) -> Interval:
     """Return an interval cut at the bounds of its value; an infinite end (one sample) stays."""
-    lowest, highest = bounds
-    value, low, high = interval
-    if math.isfinite(low):
-        low = float(np.clip(low, lowest, highest))
-    if math.isfinite(high):
-        high = float(np.clip(high, lowest, highest))
-    return float(np.clip(value, lowest, highest)), low, high
+    if bounds is None:
+        return interval
+    value, *ends = interval
+    low, high = [float(np.clip(end, *bounds)) if math.isfinite(end) else end for end in ends]
+    return float(np.clip(value, *bounds)), low, high
 
 
 def proportion(successes: float, trials: float) -> Interval:
@@ -174,11 +171,7 @@ def difference_of_shares(first: tuple[int, int], second: tuple[int, int]) -> Int
     first, second : tuple of int
         Successes and trials of each.
     """
-    p, p_low, p_high = _wilson(*first)
-    q, q_low, q_high = _wilson(*second)
-    low = p - q - math.hypot(p - p_low, q_high - q)
-    high = p - q + math.hypot(p_high - p, q - q_low)
-    return p - q, low, high
+    return difference_of_means(_wilson(*first), _wilson(*second))
 
 
 def _wilson(successes: int, trials: int) -> Interval:
@@ -220,14 +213,15 @@ def clustered(
     total = np.bincount(code, weights=data)
     drawn = np.random.default_rng(seed).integers(0, count.size, (draws, count.size))
     means = total[drawn].sum(axis=1) / count[drawn].sum(axis=1)
-    low, high = np.quantile(means, ((1 - level) / 2, (1 + level) / 2))
-    return float(data.mean()), float(low), float(high)
+    return percentiles(data.mean(), means, ((1 - level) / 2, (1 + level) / 2))
 
 
-def percentiles(value: float, draws: ArrayLike) -> Interval:
+def percentiles(
+    value: float, draws: ArrayLike, ends: tuple[float, float] = (0.025, 0.975)
+) -> Interval:
     """Return a value with the range that holds 95 % of its bootstrap draws that are known."""
     drawn = np.asarray(draws)
-    low, high = np.quantile(drawn[~np.isnan(drawn)], (0.025, 0.975))
+    low, high = np.quantile(drawn[~np.isnan(drawn)], ends)
     return float(value), float(low), float(high)
 
 
@@ -269,5 +263,4 @@ def spread(
         Bounds of the value, at which the interval is cut.
     """
     half = float(stdtrit(np.size(draws) - 1, (1 + level) / 2) * np.std(np.asarray(draws), ddof=1))
-    interval = value, value - half, value + half
-    return interval if bounds is None else clip(interval, bounds)
+    return clip((value, value - half, value + half), bounds)

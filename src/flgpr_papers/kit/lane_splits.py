@@ -67,21 +67,18 @@ def splits(
         group, _ = pd.factorize(_complete_column(examples, by), sort=True)
     if folds is not None and by != "target":
         raise ValueError(f'folds must be left out unless by="target", got {folds} with {by!r}')
-    if len(np.unique(group)) < 2:
-        raise ValueError(
-            f"examples must fall into at least two groups by {by}, got {len(np.unique(group))}"
-        )
+    values = np.unique(group)
+    if len(values) < 2:
+        raise ValueError(f"examples must fall into at least two groups by {by}, got {len(values)}")
     result = []
-    for value in np.unique(group):
+    for value in values:
         test = rows[group == value]
         train = rows[group != value]
         tested = set(target[test]) - {""}
+        held_out = ", ".join(sorted(tested)) or str(value)
         if by in ("lane", "site"):
-            if tested:
-                train = train[~np.isin(target[train], list(tested))]
+            train = train[~np.isin(target[train], list(tested))] if tested else train
             held_out = str(examples[by].iloc[test[0]])
-        else:
-            held_out = ", ".join(sorted(tested)) or str(value)
         straddles = bool(tested & set(target[train]))
         result.append(Split(f"leave-one-{by}-out", held_out, train, test, straddles))
     return result

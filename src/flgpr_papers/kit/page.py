@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,7 +15,6 @@ from flgpr.report import figure_png, render
 from flgpr.scoring import Match, chance, clopper_pearson, operating_row, roc_of
 from flgpr.store.outputs import log_finished
 from flgpr_papers.kit.findings import NO_VERDICT, OPEN, VERDICTS, Finding
-from flgpr_papers.kit.settings import packaged_text
 
 Rows = Sequence[tuple[str, str, str]]
 """Numbers beside a figure: quantity, what the paper says, and what is here."""
@@ -39,64 +37,47 @@ class Twin:
         return f"{self.number}. {self.title}" if self.number else self.title
 
 
-def captions(paper: str) -> dict[str, dict[str, Any]]:
-    """Read the captions of a paper's figures by name, in the order of the page.
-
-    An entry has ``title`` and ``caption``, and may have ``number`` (of the paper's figure),
-    ``numbers`` (rows that stand beside it), and ``claims``: the beginnings of the statements that
-    stand there, too, with their quantity if ``quantities`` is set, and of one ``group`` alone.
-    """
-    return tomllib.loads(packaged_text(paper, "captions"))
-
-
 def twins(
-    paper: str,
+    captions: Mapping[str, dict[str, Any]],
     pictures: Mapping[str, bytes],
     findings: Sequence[Finding],
     facts: Mapping[str, Any],
-    rows: Mapping[str, Rows],
-) -> tuple[list[Twin], list[Twin]]:
-    """Return the figures of the paper and our own, with what the captions say of them.
+) -> list[Twin]:
+    """Return the figures of a study with what ``captions.toml`` says of them, in its order.
+
+    An entry ``draws`` a figure: the name of the function, and what it takes beside what was
+    measured. One on the page has ``title`` and ``caption``, and may have ``number`` (of the paper's figure),
+    ``numbers`` (rows that stand beside it), and ``claims``: the beginnings of the statements that
+    stand there, too, with their quantity if ``quantities`` is set, and of one ``group`` alone.
 
     Parameters
     ----------
-    paper : str
-        Name of the paper.
+    captions : mapping of str to dict
+        The entries by the name of the figure.
     pictures : mapping of str to bytes
-        Figures by name, PNG; captions without one are left out.
+        Figures by name, PNG.
     findings : sequence of Finding
         Findings of the study.
     facts : mapping
         What stands for the fields in braces of captions and numbers.
-    rows : mapping of str to Rows
-        More numbers by the name of the figure.
     """
-    papers_twins: list[Twin] = []
-    own_twins: list[Twin] = []
-    for name, caption in captions(paper).items():
-        if name not in pictures:
+    shown = []
+    for name, caption in captions.items():
+        if "caption" not in caption:
             continue
-        numbers = []
-        for quantity, stated, here in caption.get("numbers", ()):
-            numbers.append((quantity.format(**facts), stated, here.format(**facts)))
-        numbers += rows.get(name, ())
-        numbers += _claim_rows(caption, findings)
+        numbers = [
+            (quantity.format(**facts), stated, here.format(**facts))
+            for quantity, stated, here in caption.get("numbers", ())
+        ]
+        for finding in findings:
+            is_of_group = finding.group == caption.get("group", finding.group)
+            if is_of_group and finding.claim.startswith(tuple(caption.get("claims", ()))):
+                quantity = f": {finding.quantity}" if "quantities" in caption else ""
+                numbers.append((finding.claim + quantity, finding.paper, finding.ours))
         text = caption["caption"].format(**facts)
         number = caption.get("number", "")
-        twin = Twin(number, caption["title"], pictures[name], text, numbers)
-        (papers_twins if number else own_twins).append(twin)
-    return papers_twins, own_twins
-
-
-def _claim_rows(caption: Mapping[str, Any], findings: Sequence[Finding]) -> Rows:
-    """Return the statements that stand beside a figure."""
-    rows = []
-    for finding in findings:
-        is_of_group = finding.group == caption.get("group", finding.group)
-        if is_of_group and finding.claim.startswith(tuple(caption.get("claims", ()))):
-            quantity = f": {finding.quantity}" if "quantities" in caption else ""
-            rows.append((finding.claim + quantity, finding.paper, finding.ours))
-    return rows
+        shown.append(Twin(number, caption["title"], pictures[name], text, numbers))
+    return shown
 
 
 def study_html(template: str, **values: Any) -> str:

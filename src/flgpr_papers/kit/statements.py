@@ -12,14 +12,11 @@ from flgpr_papers.kit.findings import (
     UNDECIDED,
     WORTH,
     Finding,
-    all_of,
     in_words,
-    joint_power,
     judge,
     measured,
     near,
-    parts_larger,
-    power,
+    of_parts,
 )
 from flgpr_papers.kit.intervals import SHARE, SHARE_DIFFERENCE, Bounds, Interval, clip
 from flgpr_papers.kit.settings import packaged_text
@@ -86,22 +83,19 @@ class Statements:
             rule = (above, math.inf)
         if figure is not None:
             rule = near(figure, declared["alike"], bounds)
-        texts = _filled(declared, {"rule": rule, "above": above, **fields})
-        note = texts.pop("note")
         finding = measured(
-            **texts,
             interval=interval,
             rule=rule,
             worth=_worth_of(declared, rule),
             unit=declared.get("unit", ""),
             bounds=bounds,
             figure=figure,
+            **_filled(declared, {"rule": rule, "above": above, **fields}),
         )
-        ours = finding.ours
-        if "ours" in declared and finding.interval is not None:
-            numbers = dict(zip(("value", "low", "high"), finding.interval, strict=True))
-            ours = declared["ours"].format(**numbers, **fields)
-        return replace(finding, note=note, ours=ours)
+        if "ours" not in declared or finding.interval is None:
+            return finding
+        numbers = dict(zip(("value", "low", "high"), finding.interval, strict=True))
+        return replace(finding, ours=declared["ours"].format(**numbers, **fields))
 
     def larger(self, name: str, intervals: Mapping[str, Interval], **fields: Any) -> Finding:
         """Judge that several numbers lie ``above`` a limit, 0 by default.
@@ -109,10 +103,9 @@ class Statements:
         The parameters are those of :meth:`within`.
         """
         declared = self.declared[name]
-        texts = _filled(declared, fields)
-        limit = declared.get("above", 0.0)
-        worth = declared.get("worth", WORTH)
-        return parts_larger(texts["claim"], texts["paper"], intervals, limit, worth, texts["note"])
+        texts = _filled(declared, fields) | {"quantity": ""}
+        rule = declared.get("above", 0.0), math.inf
+        return of_parts(intervals=intervals, rule=rule, worth=_worth_of(declared, rule), **texts)
 
     def within(self, name: str, intervals: Mapping[str, Interval], **fields: Any) -> Finding:
         """Judge that several numbers lie within the ``rule``; that of the finding is the widest.
@@ -127,18 +120,14 @@ class Statements:
             What stands for the fields of the texts.
         """
         declared = self.declared[name]
-        rule = tuple(declared["rule"])
         widest = max(intervals, key=lambda part: max(map(abs, intervals[part][1:])))
         value, low, high = intervals[widest]
-        return Finding(
-            **_filled(declared, fields),
+        return of_parts(
+            intervals=intervals,
+            rule=tuple(declared["rule"]),
             ours=f"widest {widest} {value:+.3f} ({low:+.3f} to {high:+.3f})",
-            verdict=all_of([judge(interval, rule) for interval in intervals.values()]),
             interval=intervals[widest],
-            rule=rule,
-            parts=_values(intervals),
-            names=tuple(intervals),
-            power=joint_power([power(interval, rule) for interval in intervals.values()]),
+            **_filled(declared, fields),
         )
 
     def by_every(self, name: str, intervals: Mapping[str, Interval], **fields: Any) -> Finding:
@@ -159,17 +148,15 @@ class Statements:
         words = {choice: f"{choice}: {in_words(*one)}" for choice, one in cut.items()}
         if len(verdicts) > 1:
             words = {choice: f"{text} {each[choice]}" for choice, text in words.items()}
-        return Finding(
-            **_filled(declared, fields),
+        return of_parts(
+            intervals=cut,
+            rule=rule,
+            worth=worth,
+            bounds=bounds,
             ours="; ".join(words.values()),
             verdict=verdicts.pop() if len(verdicts) == 1 else UNDECIDED,
             interval=next(iter(cut.values())),
-            rule=rule,
-            worth=worth,
-            parts=_values(cut),
-            names=tuple(cut),
-            bounds=bounds,
-            power=joint_power([power(one, rule, worth, bounds=bounds) for one in cut.values()]),
+            **_filled(declared, fields),
         )
 
 
@@ -189,8 +176,3 @@ def _worth_of(declared: Mapping[str, Any], rule: Bounds | None) -> float:
 def _filled(declared: Mapping[str, Any], fields: Mapping[str, Any]) -> dict[str, Any]:
     """Return the texts of a statement with their fields filled in."""
     return {name: declared.get(name, "").format(**fields) for name in _TEXTS}
-
-
-def _values(intervals: Mapping[str, Interval]) -> tuple[float, ...]:
-    """Return the numbers of several parts."""
-    return tuple(value for value, _, _ in intervals.values())

@@ -2,20 +2,33 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import matplotlib as mpl
-from matplotlib.figure import Figure
+import scipy.linalg  # noqa: F401  # loads the BLAS of SciPy, which can be limited only once loaded
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from flgpr.progress import Track, silent
 from flgpr.store import write_whole
 from flgpr_papers.kit.findings import Finding, by_chance, write_findings
-from flgpr_papers.kit.page import Rows, draw, study_html, twins
+from flgpr_papers.kit.page import draw, study_html, twins
+from flgpr_papers.kit.settings import packaged_text
 from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
-from flgpr_papers.kit.threads import one_blas_thread
+
+Run = TypeVar("Run", bound=Callable[..., Any])
+
+
+def one_blas_thread(run: Run) -> Run:
+    """Return a function that runs with one thread of the linear algebra.
+
+    The matrices of the studies are small, so that several threads mostly wait for each other. When
+    other work runs on the same two cores, flsar2004 takes four times as long with two threads.
+    """
+    return cast("Run", threadpool_limits.wrap(limits=1, user_api="blas")(run))
 
 
 @dataclass(frozen=True)
@@ -23,11 +36,9 @@ class Outcome:
     """What a study has measured on its lanes, and what its page shows of it."""
 
     findings: Sequence[Finding]  #: in the order of the page
-    #: what draws each figure, by its name in ``captions.toml``
-    figures: Mapping[str, Callable[[], Figure]]
+    measured: Any  #: what its figures draw
     facts: Mapping[str, Any]  #: what the captions and their numbers take, by name
     tables: Mapping[str, Any]  #: what the template of the page takes
-    rows: Mapping[str, Rows] = field(default_factory=dict)  #: more numbers of a figure, by its name
     files: Mapping[str, str] = field(default_factory=dict)  #: other texts, by the name of the file
     notes: Mapping[str, Any] = field(default_factory=dict)  #: what else ``findings.json`` holds
 
@@ -42,6 +53,7 @@ class Study:
 
     name: str  #: of the paper
     page: str  #: file name of the page
+    figures: Any  #: module with the functions that ``captions.toml`` declares to draw them
     #: runs the experiment: folder, whether quick, progress and world
     run: Callable[[Path, bool, Track, str], Outcome]
     parts: Callable[[bool], list[str]] | None = None  #: names of the parts, quick or not
@@ -79,22 +91,23 @@ class Study:
         write_findings(folder, outcome.findings, quick, world=world, **outcome.notes)
         for name, text in outcome.files.items():
             write_whole(folder / name, text)
+        captions = tomllib.loads(packaged_text(self.name, "captions"))
         pictures = {}
         with mpl.rc_context(self.style):
-            for name in track(outcome.figures, "drawing the page", len(outcome.figures)):
-                pictures[name] = draw(outcome.figures[name](), quick, self.dpi[quick])
+            for name in track(captions, "drawing the page", len(captions)):
+                function, *given = captions[name]["draws"]
+                figure = getattr(self.figures, function)(outcome.measured, *given)
+                pictures[name] = draw(figure, quick, self.dpi[quick])
                 write_whole(folder / f"{name}.png", pictures[name])
-        papers_twins, own_twins = twins(
-            self.name, pictures, outcome.findings, outcome.facts, outcome.rows
-        )
+        shown = twins(captions, pictures, outcome.findings, outcome.facts)
         values = {
             "quick": quick,
             "study_world": study_world(self.name, world),
             "other": other_world(folder, self.page, world, quick),
             "found": outcome.findings,
             "chance": by_chance(outcome.findings),
-            "twins": papers_twins,
-            "others": own_twins,
+            "twins": [twin for twin in shown if twin.number],
+            "others": [twin for twin in shown if not twin.number],
         }
         write_whole(folder / self.page, study_html(f"{self.name}.html", **values, **outcome.tables))
         return folder / self.page

@@ -113,8 +113,8 @@ def other_world(folder: Path, page: str, world: str, quick: bool) -> OtherWorld:
         return OtherWorld()
     if json.loads(findings_file.read_text("utf-8"))["quick"] != quick:
         return OtherWorld()
-    findings = {}
-    for finding in read_findings(as_found_folder):
-        statement = (finding.claim, finding.quantity, finding.group)
-        findings[statement] = (finding.ours, finding.verdict)
+    findings = {
+        (one.claim, one.quantity, one.group): (one.ours, one.verdict)
+        for one in read_findings(as_found_folder)
+    }
     return OtherWorld(f"{AS_FOUND}/{page}", findings)

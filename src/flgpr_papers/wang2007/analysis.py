@@ -103,6 +103,15 @@ def matched(results: Sequence[LaneResult], tables: Sequence[pd.DataFrame]) -> Ma
     return match(pd.concat(alarms, ignore_index=True), pd.concat(truth, ignore_index=True), lanes)
 
 
+def ranked(results: Sequence[LaneResult], confidences: Sequence[Any]) -> Match:
+    """Match alarms with other confidences (alarm,), lane by lane; unknown ones are left out."""
+    tables = []
+    for result, confidence in zip(results, confidences, strict=True):
+        table = result.alarms.assign(confidence=confidence)
+        tables.append(table[np.isfinite(table["confidence"])])
+    return matched(results, tables)
+
+
 class Pool:
     """All alarms of the calibration lanes, labelled, for training and testing.
 
@@ -334,8 +343,9 @@ class Pool:
         """
         values = self.features[column].to_numpy(dtype=np.float64)
         labels = self.labels
-        hit = np.isfinite(values) & ((labels["label"] == "hit") & (labels["beta"] == 1)).to_numpy()
-        false = np.isfinite(values) & (labels["label"] == "false").to_numpy()
+        is_known = np.isfinite(values)
+        hit = is_known & ((labels["label"] == "hit") & (labels["beta"] == 1)).to_numpy()
+        false = is_known & (labels["label"] == "false").to_numpy()
         wins = (np.sign(values[hit][:, None] - values[false][None]) + 1) / 2
         if not wins.size:
             return float("nan"), np.full(draws, np.nan)
@@ -386,21 +396,16 @@ class Pool:
         scorer = Rescorer(reference, MINES, FAR_MAX, AREA)
         rows = np.flatnonzero(np.isin(self.labels["lane"], other_lanes))
 
-        def score(confidence: FloatArray) -> float:
-            return scorer(confidence[rows])
-
-        search = forward_search(folds, len(self.labels), score, steps)
+        search = forward_search(
+            folds, len(self.labels), lambda confidence: scorer(confidence[rows]), steps
+        )
         best = int(np.argmax([step.score for step in search])) + 1
         return [columns[step.feature] for step in search[:best]]
 
     def match_of(self, confidence: FloatArray) -> Match:
-        """Match the alarms with other confidences (alarm,); those with -inf are left out."""
-        tables = []
+        """Match the alarms with other confidences (alarm,); unknown ones are left out."""
         lane = self.labels["lane"].to_numpy()
-        for result in self.results:
-            table = result.alarms.assign(confidence=confidence[lane == result.name])
-            tables.append(table[np.isfinite(table["confidence"])])
-        return matched(self.results, tables)
+        return ranked(self.results, [confidence[lane == name] for name in self.lanes])
 
     def interval(self, confidence: FloatArray, draws: int = 1000) -> tuple[float, float]:
         """Return the 95 % interval of PD_mean of actual mines.

@@ -15,12 +15,20 @@ import numpy as np
 import pandas as pd
 
 from flgpr.features import FEATURES, POLARIMETRIC
-from flgpr.scoring import Match
+from flgpr.scoring import Match, pd_mean, roc_of
 from flgpr.scoring.bootstrap import make_design, make_scores, tails
 from flgpr.scoring.lane_roc import AreaRule
 from flgpr.scoring.matching import Subset
-from flgpr_papers.kit.intervals import SHARE_DIFFERENCE, Interval, clip
-from flgpr_papers.wang2007.analysis import AREA, FAR_MAX, MINES, LaneResult, Pool, matched
+from flgpr_papers.kit.intervals import SHARE_DIFFERENCE, Interval, clip, percentiles
+from flgpr_papers.wang2007.analysis import (
+    AREA,
+    FAR_MAX,
+    MINES,
+    FloatArray,
+    LaneResult,
+    Pool,
+    ranked,
+)
 from flgpr_papers.wang2007.findings import SETS, blind_scores
 
 MEDIAN_STEP = 3
@@ -28,9 +36,6 @@ MEDIAN_STEP = 3
 DETECTORS = {"C_HH": ("C_HH_F1",), **SETS, "all ten": tuple(f"{name}_F1" for name in FEATURES)}
 """Columns of each detector: local contrast alone, the paper's two classifiers, all of F1."""
 UNTRAINED = "C_HH"
-_GAIN = "shared."
-_PSI = "circular."
-_LINEAR = "linear."
 
 
 @dataclass(frozen=True)
@@ -41,31 +46,27 @@ class Difference:
     printed: str  #: its value in wang2007-printed
     changed: str  #: its value in wang2007
     coarse: bool = False  #: whether the gain background is that of the coarse median
-    gain: bool = False  #: whether polarimetric features share one gain
-    psi: bool = False  #: whether ψ is averaged as a direction
     area: AreaRule = AREA  #: rule of FAR's area
+    #: what stands before the names of the columns of polarimetric features, and of ψ: with one gain
+    #: for all polarizations, and averaged as a direction
+    polarimetric: str = ""
+    psi: str = ""
 
     def column(self, name: str) -> str:
         """Return the column that stands for one of the printed recipe."""
         feature, _, _ = name.rpartition("_")
         if feature == "P_psi":
-            if self.gain:
-                return f"{_GAIN}{name}" if self.psi else f"{_GAIN}{_LINEAR}{name}"
-            return f"{_PSI}{name}" if self.psi else name
-        if self.gain and feature in POLARIMETRIC:
-            return f"{_GAIN}{name}"
-        return name
+            return f"{self.psi}{name}"
+        return f"{self.polarimetric}{name}" if feature in POLARIMETRIC else name
 
 
 PRINTED = Difference("", "", "")
 DIFFERENCES = (
     Difference("background.median_step", "1", str(MEDIAN_STEP), coarse=True),
-    Difference("features.gain", "own", "shared", gain=True),
-    Difference("features.psi", "linear", "circular", psi=True),
+    Difference("features.gain", "own", "shared", polarimetric="shared.", psi="shared.linear."),
+    Difference("features.psi", "linear", "circular", psi="circular."),
     Difference("score.area", "paper", "union", area="union"),
-    Difference(
-        "all four", "wang2007-printed", "wang2007", coarse=True, gain=True, psi=True, area="union"
-    ),
+    Difference("all four", "wang2007-printed", "wang2007", True, "union", "shared.", "shared."),
 )
 
 
@@ -114,21 +115,16 @@ def cost_table(printed: Lanes, coarse: Lanes, draws: int) -> pd.DataFrame:
                     "targets": int((first.truth["kind"] != "simulant").sum()),
                     "alarms": len(first.alarms),
                     "alarms_changed": len(second.alarms),
-                    "pd_mean": pd_mean_of(first, MINES, AREA),
-                    "pd_mean_changed": pd_mean_of(second, MINES, difference.area),
+                    "pd_mean": pd_mean(roc_of(first, MINES, area=AREA), FAR_MAX),
+                    "pd_mean_changed": pd_mean(
+                        roc_of(second, MINES, area=difference.area), FAR_MAX
+                    ),
                     "cost": value,
                     "low": low,
                     "high": high,
                 }
             )
     return pd.DataFrame(rows)
-
-
-def pd_mean_of(matched: Match, subset: Subset, area: AreaRule) -> float:
-    """Return PD_mean up to 0.1 per m² of some targets, by a rule of FAR's area."""
-    design = make_design(matched, subset, area=area)
-    scores = make_scores(matched, design, subset)
-    return float(scores.shares(FAR_MAX, np.ones(len(design.block_lane)), design.area).mean())
 
 
 def paired_cost(
@@ -155,55 +151,51 @@ def paired_cost(
     draws : int
         Number of resamplings.
     """
-    first_design = make_design(first, subset, area=first_area)
-    second_design = make_design(second, subset, area=second_area)
-    first_scores = make_scores(first, first_design, subset)
-    second_scores = make_scores(second, second_design, subset)
+    designs = [
+        make_design(one, subset, area=area)
+        for one, area in ((first, first_area), (second, second_area))
+    ]
+    scores = [
+        make_scores(one, design, subset)
+        for one, design in zip((first, second), designs, strict=True)
+    ]
 
-    def difference(target: np.ndarray, block: np.ndarray) -> float:
-        first_ground = float((block * first_design.block_area).sum())
-        second_ground = float((block * second_design.block_area).sum())
-        first_shares = first_scores.shares(FAR_MAX, block, first_ground)
-        second_shares = second_scores.shares(FAR_MAX, block, second_ground)
-        return float((target * (first_shares - second_shares)).sum() / target.sum())
+    def difference(target: FloatArray, block: FloatArray) -> float:
+        shares = [
+            one.shares(FAR_MAX, block, float((block * design.block_area).sum()))
+            for one, design in zip(scores, designs, strict=True)
+        ]
+        return float((target * (shares[0] - shares[1])).sum() / target.sum())
 
-    value = difference(np.ones(len(first_scores.target)), np.ones(len(first_design.block_lane)))
+    design = designs[0]
+    value = difference(np.ones(len(scores[0].target)), np.ones(len(design.block_lane)))
     rng = np.random.default_rng(0)
-    drawn = [difference(*first_design.draw(rng)) for _ in range(draws)]
-    low, high = np.quantile(drawn, tails(0.95, first_design.clusters))
-    return clip((value, float(low), float(high)), SHARE_DIFFERENCE)
+    drawn = [difference(*design.draw(rng)) for _ in range(draws)]
+    interval = percentiles(value, drawn, tails(0.95, design.clusters))
+    return clip(interval, SHARE_DIFFERENCE)
 
 
 def _matches(lanes: Lanes, difference: Difference) -> dict[tuple[str, str], Match]:
     """Match the alarms of every detector on both kinds of lanes as a difference has them."""
-    calibration = [_renamed(result, difference) for result in lanes.calibration]
-    blind = [_renamed(result, difference) for result in lanes.blind]
+    calibration, blind = [[_renamed(result, difference) for result in results] for results in lanes]
     pool = Pool(calibration)
+    trained = {name: columns for name, columns in DETECTORS.items() if name != UNTRAINED}
+    on_blind = blind_scores(calibration, blind, trained)
+    (contrast,) = DETECTORS[UNTRAINED]
+    on_blind[UNTRAINED] = ranked(blind, [result.features[contrast] for result in blind])
     matches = {}
     for name, columns in DETECTORS.items():
-        if name == UNTRAINED:
-            confidence = pool.features[columns[0]].to_numpy(dtype=np.float64)
-            confidence = np.where(np.isfinite(confidence), confidence, -np.inf)
-        else:
-            confidence = pool.confidence(list(columns), "C")
-        matches[name, "calibration"] = pool.match_of(confidence)
-    trained = {name: columns for name, columns in DETECTORS.items() if name != UNTRAINED}
-    for name, match in blind_scores(calibration, blind, trained).items():
-        matches[name, "blind"] = match
-    (contrast,) = DETECTORS[UNTRAINED]
-    tables = []
-    for result in blind:
-        table = result.alarms.assign(confidence=result.features[contrast])
-        tables.append(table.dropna(subset=["confidence"]))
-    matches[UNTRAINED, "blind"] = matched(blind, tables)
-    order = [(name, where) for where in ("calibration", "blind") for name in DETECTORS]
-    return {key: matches[key] for key in order}
+        is_trained = name in trained
+        values = pool.confidence(columns, "C") if is_trained else pool.features[contrast].to_numpy()
+        matches[name, "calibration"] = pool.match_of(values)
+    return matches | {(name, "blind"): on_blind[name] for name in DETECTORS}
 
 
 def _renamed(result: LaneResult, difference: Difference) -> LaneResult:
     """Return the columns that a difference reads under the names of the printed ones."""
-    columns = {}
-    for names in DETECTORS.values():
-        for name in names:
-            columns[name] = result.features[difference.column(name)]
+    columns = {
+        name: result.features[difference.column(name)]
+        for names in DETECTORS.values()
+        for name in names
+    }
     return replace(result, features=pd.DataFrame(columns))

@@ -23,10 +23,8 @@ _LABEL_RADIUS = 1.0  # m, r_label
 class Example(NamedTuple):
     """A target or a false alarm that a figure shows."""
 
-    x: float  #: cross-track position of the target, lane frame, m
-    y: float  #: down-track position of the target, lane frame, m
-    alarm_x: float  #: cross-track position of its alarm, lane frame, m
-    alarm_y: float  #: down-track position of its alarm, lane frame, m
+    place: Any  #: (3,) position of the target on the ground, lane frame, m
+    alarm: Any  #: (3,) the same of its alarm
     title: str  #: what it is, in words
 
 
@@ -61,10 +59,11 @@ def save_examples(path: Path, imaged: ImagedRun, truth: pd.DataFrame, alarms: pd
     hh = list(arrays["polarization"]).index("HH")
     f1 = list(table.subbands).index(imaged.recipe.prescreen.subband)
     surface = examples["surface"]
-    series = series_scans(imager.scans, poses, surface.y, sum(table.y) / 2)
-    point = [surface.x, surface.y, 0.0]
+    series = series_scans(imager.scans, poses, surface.place[1], sum(table.y) / 2)
     arrays["series"] = np.stack([np.abs(imager.image(scan).values[hh, f1]) for scan in series])
-    arrays["series_place"] = np.stack([lane_to_scan(point, poses[scan])[:2] for scan in series])
+    arrays["series_place"] = np.stack(
+        [lane_to_scan(surface.place, poses[scan])[:2] for scan in series]
+    )
     arrays["signature"] = np.abs(imaged.whole_background.signature[hh, f1])
     arrays["gain"] = imaged.whole_background.gain[hh, f1]
     arrays["names"] = np.array(list(examples))
@@ -75,17 +74,17 @@ def save_examples(path: Path, imaged: ImagedRun, truth: pd.DataFrame, alarms: pd
 def _example_arrays(imager: ScanImager, imaged: ImagedRun, example: Example) -> dict[str, Any]:
     """Return the arrays of an example: its image, as it is and imaged, and its patches."""
     poses = imaged.run["pose"].values
-    ahead = example.y - poses[imager.scans, 1]
+    ahead = example.place[1] - poses[imager.scans, 1]
     index = int(np.argmin(np.abs(ahead - _AHEAD)))
     scan = int(imager.scans[index])
     image = imager.image(scan).values
     # An image of zeros is stored in half the space.
     raw_type = np.float16 if image.max() == 0 else np.float32
-    patches, distances = _patches(imaged, example.alarm_x, example.alarm_y)
+    patches, distances = _patches(imaged, example.alarm)
     return {
         "raw": np.abs(image).astype(raw_type),
         "clean": imaged.whole_background.magnitude(image, imaged.gains[index]),
-        "place": lane_to_scan([example.x, example.y, 0.0], poses[scan])[:2],
+        "place": lane_to_scan(example.place, poses[scan])[:2],
         "patches": patches,
         "distances": distances,
     }
@@ -129,10 +128,13 @@ def _false_alarm(truth: pd.DataFrame, alarms: pd.DataFrame) -> Example:
     candidates = alarms[(distance > 2) & (alarms["x"].abs() < 1.5)]
     if candidates.empty:
         candidates = alarms
-    strongest = candidates.sort_values("confidence", ascending=False).iloc[0]
-    x = float(strongest["x"])
-    y = float(strongest["y"])
-    return Example(x, y, x, y, "strongest false alarm")
+    place = _ground(candidates.sort_values("confidence", ascending=False).iloc[0])
+    return Example(place, place, "strongest false alarm")
+
+
+def _ground(row: pd.Series[Any]) -> NDArray[np.float64]:
+    """Return the position (3,) of a target or alarm on the ground, m."""
+    return np.array([row["x"], row["y"], 0.0], dtype=np.float64)
 
 
 def _example(
@@ -155,20 +157,13 @@ def _example(
     title += "on the surface" if target["depth"] < 0 else f"{100 * target['depth']:.0f} cm deep"
     if not has_alarm:
         title += ", no alarm: cut at the mine"
-    return Example(
-        x=float(target["x"]),
-        y=float(target["y"]),
-        alarm_x=float(position["x"]),
-        alarm_y=float(position["y"]),
-        title=title,
-    )
+    return Example(_ground(target), _ground(position), title)
 
 
 def _distances(alarms: pd.DataFrame, targets: pd.DataFrame) -> NDArray[np.float64]:
     """Return the distance (alarm, target) of every alarm from every target, m."""
-    across = alarms["x"].to_numpy()[:, None] - targets["x"].to_numpy()[None]
-    along = alarms["y"].to_numpy()[:, None] - targets["y"].to_numpy()[None]
-    return np.asarray(np.hypot(across, along))
+    gap = alarms[["x", "y"]].to_numpy()[:, None] - targets[["x", "y"]].to_numpy()
+    return np.asarray(np.hypot(*gap.transpose(2, 0, 1)))
 
 
 def series_scans(
@@ -194,7 +189,9 @@ def series_scans(
     return [int(scan) for scan in scans[first : first + _CONSECUTIVE]]
 
 
-def _patches(imaged: ImagedRun, x: float, y: float) -> tuple[NDArray[np.float32], NDArray[Any]]:
+def _patches(
+    imaged: ImagedRun, place: NDArray[np.float64]
+) -> tuple[NDArray[np.float32], NDArray[Any]]:
     """Return the patches about a position in all scans that see it, and their distances ahead, m.
 
     Patches are magnitudes (scan, polarization, subband, y, x), ordered from near to far.
@@ -205,7 +202,7 @@ def _patches(imaged: ImagedRun, x: float, y: float) -> tuple[NDArray[np.float32]
     patches = []
     distances = []
     for index, scan in enumerate(imaged.imager.scans):
-        position = lane_to_scan([x, y, 0.0], poses[scan])[:2]
+        position = lane_to_scan(place, poses[scan])[:2]
         if not grid.y_min <= position[1] <= imaged.recipe.run_view.y_max:
             continue
         image = imaged.near_imager.image(int(scan)).values

@@ -6,17 +6,17 @@ The statements and their rules are declared in ``statements.toml``.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from flgpr.detect import SearchStep
 from flgpr.features import FEATURES
 from flgpr.method.classifier import CLASSIFIER_A, CLASSIFIER_B, make_training_set, train
 from flgpr.recipe.schema import Recipe
-from flgpr.scoring import Match
+from flgpr.scoring import Match, compare
 from flgpr_papers.kit.findings import Finding
 from flgpr_papers.kit.intervals import (
     SHARE,
@@ -28,7 +28,7 @@ from flgpr_papers.kit.intervals import (
     students,
     together,
 )
-from flgpr_papers.kit.page import detections_at
+from flgpr_papers.kit.page import detections_at, pd_in_words
 from flgpr_papers.kit.statements import Statements
 from flgpr_papers.wang2007.analysis import (
     AREA,
@@ -43,25 +43,181 @@ from flgpr_papers.wang2007.analysis import (
     Pool,
     all_forty,
     clutter_levels,
-    matched,
     prescreened,
+    ranked,
     table_one,
     table_two,
 )
-from flgpr_papers.wang2007.comparisons import (
-    F1,
-    FloatArray,
-    Searches,
-    SingleFeatures,
-    beside_papers_pd,
-    contrast_lead,
-    duplication_gap,
-    limit_less,
-    parting_slope,
-    pd_mean_gap,
-    retrained_gap,
-    retrainings,
-)
+
+FloatArray = NDArray[np.float64]
+Searches = Mapping[str, Sequence[SearchStep]]
+"""Steps of the forward search by method, A to D (Table II)."""
+F1 = tuple(f"{name}_F1" for name in FEATURES)
+"""Columns of the ten features in sub-band F1."""
+
+
+def retrainings(draws: int) -> int:
+    """Return in how many of the draws a discriminant is trained anew.
+
+    They are enough for a standard deviation.
+    """
+    return max(draws // 5, 20)
+
+
+def pd_mean_gap(
+    first: Match, second: Match, draws: int, parts: int = 1, subset: Any = MINES
+) -> Interval:
+    """Return PD_mean of a detector less that of another, with frozen detectors.
+
+    Parameters
+    ----------
+    first, second : Match
+        Matched alarms of each.
+    draws : int
+        Number of bootstrap draws.
+    parts : int
+        Number of intervals that are to hold all together.
+    subset : object
+        Targets that count.
+    """
+    comparison = compare(first, second, subset, area=AREA, draws=draws, level=together(parts))
+    return comparison.difference, comparison.low, comparison.high
+
+
+def retrained_gap(
+    pool: Pool,
+    first: Sequence[str],
+    second: Sequence[str],
+    draws: int,
+    parts: int = 1,
+    method: str = "A",
+    subset: Any = MINES,
+) -> Interval:
+    """Return PD_mean of a set of features less that of another, both trained anew in every draw.
+
+    Parameters
+    ----------
+    pool : Pool
+        Alarms of the calibration lanes.
+    first, second : sequence of str
+        Columns of each set.
+    draws : int
+        Number of bootstrap draws, of which :func:`retrainings` are used.
+    parts : int
+        Number of intervals that are to hold all together.
+    method : str
+        Method of training and testing, "A" to "D".
+    subset : object
+        Targets that count.
+    """
+    score = pool.scorer_of(subset)
+    values = [score(pool.confidence(columns, method)) for columns in (first, second)]
+    drawn = [
+        pool.retrained(columns, method, retrainings(draws), subset) for columns in (first, second)
+    ]
+    return spread(values[0] - values[1], drawn[0] - drawn[1], together(parts), SHARE_DIFFERENCE)
+
+
+def limit_less(limit: float, interval: Interval) -> Interval:
+    """Return a limit less a number, with its interval: a small number gives a large one."""
+    value, low, high = interval
+    return limit - value, limit - high, limit - low
+
+
+def beside_papers_pd(
+    matched: Match, subset: Any, far: float, figure: float, count: int | None
+) -> dict[str, Any]:
+    """Return a Pd and what the paper knows of its own, as a statement takes them.
+
+    Parameters
+    ----------
+    matched : Match
+        Alarms matched to targets.
+    subset : object
+        Targets that count.
+    far : float
+        Allowed false alarms per m².
+    figure : float
+        Pd of the paper.
+    count : int or None
+        Number of the paper's targets; None where it does not say: as many as here are assumed.
+    """
+    n_found, targets, chance = detections_at(matched, subset, far, area=AREA)
+    paper_targets = targets if count is None else count
+    return {
+        "interval": proportion(n_found, targets),
+        "figure": proportion(round(figure * paper_targets), paper_targets),
+        "found": pd_in_words(n_found, targets, chance),
+    }
+
+
+class SingleFeatures:
+    """PD_mean of single features of F1 by the four methods, as it is and in bootstrap draws.
+
+    Parameters
+    ----------
+    pool : Pool
+        Alarms of the calibration lanes.
+    table : DataFrame
+        PD_mean of every feature (column) by method (row), Table I.
+    draws : int
+        Number of draws in which the discriminants are trained anew.
+    """
+
+    def __init__(self, pool: Pool, table: pd.DataFrame, draws: int) -> None:
+        self.values = {method: table.loc[method].to_numpy(np.float64) for method in "ABCD"}
+        self.drawn = pool.singles_in(F1, "ABCD", draws)
+
+    def level(self, feature: str) -> Interval:
+        """Return PD_mean of a feature by method A."""
+        k = FEATURES.index(feature)
+        return spread(float(self.values["A"][k]), self.drawn["A"][:, k], bounds=SHARE)
+
+    def gap(self, feature: str, other: str, parts: int, method: str = "A") -> Interval:
+        """Return PD_mean of a feature by method A less that of another one by a method.
+
+        It is one of ``parts`` intervals that hold all together.
+        """
+        k = FEATURES.index(feature)
+        j = FEATURES.index(other)
+        value = float(self.values["A"][k] - self.values[method][j])
+        drawn = self.drawn["A"][:, k] - self.drawn[method][:, j]
+        return spread(value, drawn, together(parts), SHARE_DIFFERENCE)
+
+
+def contrast_lead(scores: FloatArray) -> Any:
+    """Return the score of C_HH or C_VV, the better, less that of the best other feature.
+
+    Parameters
+    ----------
+    scores : (..., feature) ndarray
+        Scores of the ten features.
+    """
+    is_contrast = np.array([name in ("C_HH", "C_VV") for name in FEATURES])
+    return scores[..., is_contrast].max(axis=-1) - scores[..., ~is_contrast].max(axis=-1)
+
+
+def duplication_gap(scores: Mapping[str, FloatArray]) -> Any:
+    """Return mean |C - D| less mean |A - B| over the last axis."""
+    by_cross_validation = np.abs(scores["C"] - scores["D"]).mean(axis=-1)
+    by_resubstitution = np.abs(scores["A"] - scores["B"]).mean(axis=-1)
+    return by_cross_validation - by_resubstitution
+
+
+def parting_slope(steps: Mapping[str, FloatArray], drawn: Mapping[str, FloatArray]) -> Interval:
+    """Return the slope of resubstitution less cross-validation over the number of features.
+
+    Parameters
+    ----------
+    steps : mapping of str to (step,) ndarray
+        PD_mean of the steps of a search by method.
+    drawn : mapping of str to (draw, step) ndarray
+        The same in bootstrap draws.
+    """
+    curves = np.vstack([steps["A"] - steps["C"], drawn["A"] - drawn["C"]])
+    slopes = np.polyfit(np.arange(10), curves.T, 1)[0]
+    return spread(float(slopes[0]), slopes[1:])
+
 
 SETS = {"A": CLASSIFIER_A, "B": CLASSIFIER_B}
 """Columns of the paper's two classifiers."""
@@ -70,7 +226,7 @@ Channels = Mapping[tuple[str, str], Match]
 _PAPER_MINES = 47
 _PAPER_PLASTIC = 20
 _PAPER_SIMULANTS = 16
-_BURIED = {"metal": BURIED_METAL, "plastic": BURIED_PLASTIC}
+BURIED = {"metal": BURIED_METAL, "plastic": BURIED_PLASTIC}
 _CONTRAST = ["C_HH_F1"]
 _HARDLY = 0.03  # of PD_mean: a gain below it is called none
 _STATEMENTS = Statements("wang2007")
@@ -163,11 +319,7 @@ def blind_scores(
     scores = {}
     for name, columns in sets.items():
         classifier = train(make_training_set(training_lanes, columns=columns), columns)
-        tables = []
-        for result in blind:
-            table = result.alarms.assign(confidence=classifier.confidence(result.features))
-            tables.append(table.dropna(subset=["confidence"]))
-        scores[name] = matched(blind, tables)
+        scores[name] = ranked(blind, [classifier.confidence(one.features) for one in blind])
     return scores
 
 
@@ -175,36 +327,31 @@ def _prescreener_findings(
     channels: Channels, views: Mapping[str, Match], levels: pd.DataFrame, draws: int
 ) -> list[Finding]:
     """Judge what the paper says of the prescreener's channel (Sec. II-C, Fig. 8 and 9)."""
-    best = channels["HH", "F1"]
-    subbands = {
-        f"F1 - {band}": pd_mean_gap(best, channels["HH", band], draws, 3) for band in SUBBANDS[1:]
-    }
-    polarizations = {
-        f"HH - {name}": pd_mean_gap(best, channels[name, "F1"], draws, 2) for name in ("VV", "HV")
-    }
+    matches = {" ".join(channel): match for channel, match in channels.items()} | dict(views)
+
+    def compared(name: str, **words: str) -> dict[str, Interval]:
+        """Return PD_mean of every declared pair of run-views, the first less the second."""
+        gaps = {}
+        pairs = _STATEMENTS.declared[name]["pairs"]
+        for title, *views in pairs:
+            first, second = [matches[view.format(**words)] for view in views]
+            gaps[title] = pd_mean_gap(first, second, draws, len(pairs))
+        return gaps
+
     clutter = {}
     for name in ("VV", "HH"):
         for band in ("F0", *SUBBANDS[1:]):
             gap = levels[f"{name} {band}"] - levels[f"{name} F1"]
             clutter[f"{name} {band} - F1"] = students(gap, together(8))
-    orders = []
-    for name in POLARIZATIONS:
-        steps = {
-            f"{a} - {b}": pd_mean_gap(channels[name, a], channels[name, b], draws, 3)
-            for a, b in pairwise(SUBBANDS)
-        }
-        orders.append(_STATEMENTS.larger("order", steps, polarization=name))
-    wide = pd_mean_gap(best, channels["HH", "F0"], draws)
-    far, largest, mean = (pd_mean_gap(best, view, draws) for view in views.values())
+    found = beside_papers_pd(matches["HH F1"], MINES, 0.15, 1.0, _PAPER_MINES)
+    words = [{"polarization": name} for name in POLARIZATIONS]
+    (mean,) = compared("mean-look").values()
     return [
-        _STATEMENTS.larger("subband", subbands),
-        _STATEMENTS.larger("polarization", polarizations),
+        *[_STATEMENTS.larger(name, compared(name)) for name in ("subband", "polarization")],
         _STATEMENTS.larger("clutter", clutter),
-        *orders,
-        _STATEMENTS.number("all-found", **beside_papers_pd(best, MINES, 0.15, 1.0, _PAPER_MINES)),
-        _STATEMENTS.larger("narrow", {"F1 - F0": wide}),
-        _STATEMENTS.larger("range", {"16 m - 26 m": far}),
-        _STATEMENTS.larger("second-largest", {"second largest - largest": largest}),
+        *[_STATEMENTS.larger("order", compared("order", **one), **one) for one in words],
+        _STATEMENTS.number("all-found", **found),
+        *[_STATEMENTS.larger(n, compared(n)) for n in ("narrow", "range", "second-largest")],
         _STATEMENTS.number("mean-look", mean),
     ]
 
@@ -220,7 +367,7 @@ def _feature_findings(
     magnitude = pool.match_of(pool.magnitude())
     gains = {
         f"{kind}, C_HH - magnitude": pd_mean_gap(contrast, magnitude, draws, 2, subset)
-        for kind, subset in _BURIED.items()
+        for kind, subset in BURIED.items()
     }
     levels = dict(zip(FEATURES, singles.values["A"], strict=True))
     best = {f"less {f}": singles.gap("C_HH", f, 9) for f in FEATURES if f != "C_HH"}
@@ -383,7 +530,7 @@ def _curve_findings(tables: Tables, draws: int) -> list[Finding]:
     }
     gaps = {}
     for lanes, scores in (("calibration", calibration), ("blind", tables.blind)):
-        for kind, subset in _BURIED.items() if scores else ():
+        for kind, subset in BURIED.items() if scores else ():
             gap = pd_mean_gap(scores["B"], scores["A"], draws, 4, subset)
             gaps[f"{kind}, {lanes}: B - A"] = gap
     return [*findings, _STATEMENTS.within("classifiers", gaps)]
