@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.types import AnyArray, Float32Array
 from flgpr_exchange.gpr.parts import (
@@ -15,20 +14,20 @@ from flgpr_exchange.gpr.parts import (
     ZERO_ASSUMED,
     exact_floats,
     first_bytes,
+    header_words,
     interleaved_channels,
+    note_count,
     read_records,
 )
 from flgpr_exchange.gpr.segy_layout import (
-    HEAD,
     PICOSECOND,
     TRACE_HEAD,
+    TRACE_WORDS,
     TraceLayout,
     interval_of,
     layout_of,
-    order_and_format,
+    read_head,
     record_type,
-    revision_of,
-    word_at,
 )
 from flgpr_exchange.gpr.segy_places import geometry_of
 
@@ -38,32 +37,30 @@ _MOST_CHANNELS = 256
 _DEAD = (2, 3)  # codes of traces that are no data: dead, dummy
 
 
-def read_segy(path: Path, limit: int) -> dict[str, Any]:
+def read_segy(path: Path, limit: int, notes: list[str]) -> dict[str, Any]:
     """Read a SEG-Y file.
 
     Parameters, entries and errors are those of :func:`flgpr_exchange.gpr.dt1.read_dt1`.
     """
-    raw = first_bytes(path, HEAD + TRACE_HEAD)
-    if len(raw) < HEAD:
-        raise ValueError(f"its headers must have {HEAD} bytes, the file has {len(raw)}")
-    notes: list[str] = []
-    order, code = order_and_format(raw)
-
-    revision = revision_of(raw, order, notes)
-    layout = layout_of(path, raw, order, code, revision, notes)
-    interval = interval_of(raw, order, revision, notes)
+    head = read_head(path, notes)
+    layout = layout_of(path, head, notes)
+    interval = interval_of(head, notes)
     notes.append(
         "the sample interval is taken as picoseconds, as radars write it; "
         "SEG-Y itself has microseconds"
     )
     notes.append(ZERO_ASSUMED)
 
-    record = record_type(layout, order, code)
+    record = record_type(layout, head.order, head.words["code"])
     table = read_records(path, layout.start, record, None, notes, limit, layout.end)
-    stated = word_at(raw, f"{order}H", 3212)
-    is_ibm = code == _IBM
-    unit = _unit_of_length(raw, order, notes)
-    return _entries(table, is_ibm, stated, interval, unit, notes)
+    system = head.words["system"]
+    if system not in (0, 1, 2):
+        notes.append(
+            f"its measurement system is {system}, which does not exist: lengths are taken as metres"
+        )
+    metre = FOOT if system == 2 else 1.0
+    is_ibm = head.words["code"] == _IBM
+    return _entries(table, is_ibm, head.words["ensemble"], interval, metre, notes)
 
 
 def _entries(
@@ -75,7 +72,9 @@ def _entries(
     """
     traces = exact_floats(_ibm(table["samples"]) if is_ibm else table["samples"], notes)
     _check_trace_headers(table, traces.shape[1], interval, notes)
-    _leave_dead_out(table, traces, notes)
+    dead = np.isin(table["identification"], _DEAD)
+    traces[dead] = np.nan
+    note_count(notes, dead, "traces without data, as their headers say (dead or dummy)")
     counted = _channels_of(table)
     by_channel = interleaved_channels(
         traces, counted or stated, "the count of an ensemble's traces", notes
@@ -87,13 +86,8 @@ def _entries(
     return {
         "traces": by_channel,
         "delay": np.arange(traces.shape[1]) * interval,
-        "distance": geometry.distance,
-        "fixes": geometry.fixes.table,
-        "fix_time": geometry.fixes.time,
         "frequencies": (None,) * channels,
-        "separation": geometry.separation,
-        "gather": geometry.gather,
-        "history": tuple(notes),
+        **geometry._asdict(),
     }
 
 
@@ -109,16 +103,6 @@ def _channels_of(table: AnyArray) -> int:
     return count if is_one_record and (channel == expected).all() else 0
 
 
-def _leave_dead_out(table: AnyArray, traces: NDArray[np.floating[Any]], notes: list[str]) -> None:
-    """Make traces (trace, sample) NaN that their headers call dead or dummy."""
-    dead = np.isin(table["identification"], _DEAD)
-    if dead.any():
-        traces[dead] = np.nan
-        notes.append(
-            f"{np.count_nonzero(dead)} traces without data, as their headers say (dead or dummy)"
-        )
-
-
 def _check_trace_headers(table: AnyArray, samples: int, interval: float, notes: list[str]) -> None:
     """Add notes of what the trace headers state otherwise, and of what of it is not applied.
 
@@ -128,18 +112,16 @@ def _check_trace_headers(table: AnyArray, samples: int, interval: float, notes: 
     if differs.any():
         low = table["count"][differs].min()
         high = table["count"][differs].max()
-        notes.append(
-            f"{np.count_nonzero(differs)} trace headers tell {low} to {high} samples: "
-            f"all traces are read with {samples}"
-        )
+        text = f"trace headers tell {low} to {high} samples: all traces are read with {samples}"
+        note_count(notes, differs, text)
     intervals = table["interval"]
     off = np.abs(intervals * PICOSECOND - interval) > 0.5 * PICOSECOND
-    differing = np.count_nonzero((intervals != 0) & off)
-    if differing:
-        notes.append(
-            f"{differing} trace headers tell another sample interval (bytes 117-118) than "
-            f"{interval * 1e12:g} ps, which is used"
-        )
+    note_count(
+        notes,
+        (intervals != 0) & off,
+        "trace headers tell another sample interval (bytes 117-118) than "
+        f"{interval * 1e12:g} ps, which is used",
+    )
     late = np.count_nonzero(table["late"])
     if late:
         notes.append(
@@ -149,22 +131,12 @@ def _check_trace_headers(table: AnyArray, samples: int, interval: float, notes: 
     if weighted:
         notes.append(f"the weighting factors of {weighted} traces (bytes 169-170) are not applied")
     offset = table["offset"].astype(np.float64)
-    if np.ptp(offset) > 0 and np.abs(offset).max() > 0:
+    if np.ptp(offset) > 0:
         notes.append(
             "the distance from source to receiver (bytes 37-40) goes from "
             f"{offset.min():g} to {offset.max():g}: it is not used, and a gather whose antennas "
             "move apart is no common-offset line"
         )
-
-
-def _unit_of_length(raw: bytes, order: str, notes: list[str]) -> float:
-    """Return the unit of coordinates that are lengths, m."""
-    system = word_at(raw, f"{order}H", 3254)
-    if system not in (0, 1, 2):
-        notes.append(
-            f"its measurement system is {system}, which does not exist: lengths are taken as metres"
-        )
-    return FOOT if system == 2 else 1.0
 
 
 def _ibm(ibm_words: AnyArray) -> Float32Array:
@@ -181,7 +153,7 @@ def _ibm(ibm_words: AnyArray) -> Float32Array:
         return np.where(word >> 31, -size, size).astype(np.float32)
 
 
-def read_su(path: Path, limit: int) -> dict[str, Any]:
+def read_su(path: Path, limit: int, notes: list[str]) -> dict[str, Any]:
     """Read a file of Seismic Unix.
 
     It has the traces of SEG-Y revision 0 without its headers, IEEE floats of 32 bits. Samples and
@@ -190,41 +162,28 @@ def read_su(path: Path, limit: int) -> dict[str, Any]:
 
     Parameters, entries and errors are those of :func:`flgpr_exchange.gpr.dt1.read_dt1`.
     """
-    raw = first_bytes(path, TRACE_HEAD)
-    if len(raw) < TRACE_HEAD:
-        raise ValueError(
-            f"its first trace header must have {TRACE_HEAD} bytes, the file has {len(raw)}"
-        )
-    order, samples, interval = _su_order(raw, path.stat().st_size)
-    notes = [
-        f"the byte order is taken as {'big' if order == '>' else 'little'}-endian, "
-        "in which the trace headers fit",
-        "the sample interval is taken as picoseconds, as radars write it; "
-        "Seismic Unix itself has microseconds",
-        ZERO_ASSUMED,
-    ]
-    layout = TraceLayout(0, TRACE_HEAD, samples)
-    table = read_records(path, 0, record_type(layout, order, _IEEE), None, notes, limit)
-    return _entries(table, False, 1, interval, 1.0, notes)
-
-
-def _su_order(raw: bytes, size: int) -> tuple[str, int, float]:
-    """Return byte order, samples and interval, s, of a file of Seismic Unix.
-
-    The order is the one in which the size of the file fits, else the first that is plausible.
-    """
-    plausible: list[tuple[str, int, float]] = []
+    raw = first_bytes(path, TRACE_HEAD, 0, "its first trace header", TRACE_HEAD)
+    plausible = []
     for order in "<>":
-        samples = word_at(raw, f"{order}H", 114)
-        interval = word_at(raw, f"{order}H", 116) * PICOSECOND
-        if samples < 2 or not INTERVALS[0] <= interval <= INTERVALS[1]:
-            continue
-        if size % (TRACE_HEAD + 4 * samples) == 0:
-            return order, samples, interval
-        plausible.append((order, samples, interval))
+        words = header_words(raw, TRACE_WORDS, order)
+        samples, interval = words["count"], words["interval"] * PICOSECOND
+        if samples >= 2 and INTERVALS[0] <= interval <= INTERVALS[1]:
+            rest = path.stat().st_size % (TRACE_HEAD + 4 * samples)
+            plausible.append((rest > 0, order == ">", samples, interval))
     if not plausible:
         raise ValueError(
             "its first trace header must tell samples and interval (bytes 115-118), "
             "in either byte order"
         )
-    return plausible[0]
+    # The order in which the size of the file fits, else the first that is plausible.
+    _, is_big, samples, interval = min(plausible)
+    notes += [
+        f"the byte order is taken as {'big' if is_big else 'little'}-endian, "
+        "in which the trace headers fit",
+        "the sample interval is taken as picoseconds, as radars write it; "
+        "Seismic Unix itself has microseconds",
+        ZERO_ASSUMED,
+    ]
+    record = record_type(TraceLayout(0, TRACE_HEAD, samples), "<>"[is_big], _IEEE)
+    table = read_records(path, 0, record, None, notes, limit)
+    return _entries(table, False, 1, interval, 1.0, notes)
