@@ -13,10 +13,13 @@ import xarray as xr
 from flgpr.formats.section import GprSection
 from flgpr.store.store_layout import MAX_MEMORY
 from flgpr_exchange.gpr.files import read_gpr
-from flgpr_exchange.gpr.line_run import ReasonedBand, antennas_band, frequency_words, gpr_run
-
-_NYQUIST_SHARE = 0.9  # of half the sampling rate, up to which a recording is viewed
-_LOWEST = 1e6  # Hz
+from flgpr_exchange.gpr.line_run import (
+    ReasonedBand,
+    antennas_band,
+    frequency_words,
+    gpr_run,
+    recorded_band,
+)
 
 
 def channels_run(
@@ -50,7 +53,17 @@ def channels_run(
         refuses.
     """
     count = section.traces.shape[1]
-    section, replaced = _placed(section, channel_x)
+    replaced = []
+    if channel_x is not None:
+        offsets = [float(x) for x in channel_x]
+        if len(offsets) != count or not np.isfinite(offsets).all():
+            raise ValueError(
+                f"channel_x must give a finite x, m, for each of {count} channels, got {offsets}"
+            )
+        if section.offsets is not None:
+            stated = ", ".join(f"{x:g}" for x in section.offsets[:, 0])
+            replaced.append(f"channel-x is given in place of the file's, {stated} m")
+        section = replace(section, offsets=np.column_stack([offsets, np.zeros(count)]))
     if options.get("band") is None:
         options["band"] = common_band(section)
     runs = [gpr_run(section, channel, **options) for channel in range(count)]
@@ -63,11 +76,15 @@ def channels_run(
                 f"{channel}"
             )
 
-    notes = [*_notes_of_all(runs), *replaced]
+    # Every note once, but those of single channels: one of all channels stands for them.
+    notes = dict.fromkeys(note for run in runs for note in run.attrs["import_notes"])
+    kept = [note for note in notes if not (note.startswith("channel ") and " of " in note)]
+    kept += replaced
     if count > 1:
-        notes.append(_note_of_channels(section))
+        antennas = frequency_words(section.frequencies)
+        kept.append(f"all {count} channels in one run, a pair each; antennas {antennas}")
         if section.offsets is None:
-            notes.append(
+            kept.append(
                 f"{count} channels put at one place: "
                 "the file does not tell where their antennas are"
             )
@@ -75,10 +92,7 @@ def channels_run(
     merged = xr.concat(
         runs, dim="pair", data_vars="minimal", coords="minimal", compat="equals", join="exact"
     )
-    attrs = {name: value for name, value in runs[0].attrs.items() if name != "antenna_frequency_hz"}
-    if len(set(section.frequencies)) == 1 and section.frequencies[0] is not None:
-        attrs["antenna_frequency_hz"] = section.frequencies[0]
-    return merged.assign_attrs(attrs | {"import_notes": notes})
+    return merged.assign_attrs(import_notes=kept)
 
 
 def preview_run(path: str | Path, max_memory: int = MAX_MEMORY) -> xr.Dataset:
@@ -105,11 +119,11 @@ def preview_run(path: str | Path, max_memory: int = MAX_MEMORY) -> xr.Dataset:
         If the recording cannot be read or makes no run.
     """
     section = read_gpr(path, max_memory)
-    step = None if section.distance is not None else 1.0
     band = ReasonedBand(*_widest_band(section), "all that is recorded")
-    options: dict[str, Any] = {"step": step, "band": band}
+    options: dict[str, Any] = {"band": band}
     notes = []
-    if step is not None:
+    if section.distance is None:
+        options["step"] = 1.0
         notes.append("no trace spacing is known: traces are put 1 m apart")
     try:
         run = channels_run(section, **options)
@@ -120,26 +134,6 @@ def preview_run(path: str | Path, max_memory: int = MAX_MEMORY) -> xr.Dataset:
         notes.append("channel 0 is shown alone: the others have another time window")
     run.attrs["import_notes"] = [*run.attrs["import_notes"], *notes]
     return run
-
-
-def _placed(section: GprSection, channel_x: Sequence[float] | None) -> tuple[GprSection, list[str]]:
-    """Return a line with the x of each channel's antennas, m, that was given, and what it replaces.
-
-    Others than one finite number for each channel are a ValueError.
-    """
-    if channel_x is None:
-        return section, []
-    count = section.traces.shape[1]
-    offsets = [float(x) for x in channel_x]
-    if len(offsets) != count or not np.isfinite(offsets).all():
-        raise ValueError(
-            f"channel_x must give a finite x, m, for each of {count} channels, got {offsets}"
-        )
-    notes = []
-    if section.offsets is not None:
-        stated = ", ".join(f"{x:g}" for x in section.offsets[:, 0])
-        notes.append(f"channel-x is given in place of the file's, {stated} m")
-    return replace(section, offsets=np.column_stack([offsets, np.zeros(count)])), notes
 
 
 def common_band(section: GprSection) -> ReasonedBand:
@@ -165,28 +159,4 @@ def common_band(section: GprSection) -> ReasonedBand:
 
 def _widest_band(section: GprSection) -> tuple[float, float]:
     """Return the band, Hz, that the records and the sampling of all channels hold."""
-    delays = [section.delay_of(channel) for channel in range(section.traces.shape[1])]
-    intervals = [float(delay[1] - delay[0]) for delay in delays]
-    shortest = min(interval * delay.size for interval, delay in zip(intervals, delays, strict=True))
-    return max(_LOWEST, 1 / shortest), _NYQUIST_SHARE * 0.5 / max(intervals)
-
-
-def _notes_of_all(runs: Sequence[xr.Dataset]) -> list[str]:
-    """Return every note once, in the order in which they come.
-
-    Those of single channels are left out: one of all channels stands for them.
-    """
-    notes: dict[str, None] = {}
-    for run in runs:
-        for note in run.attrs["import_notes"]:
-            is_of_one_channel = note.startswith("channel ") and " of " in note
-            if not is_of_one_channel:
-                notes[note] = None
-    return list(notes)
-
-
-def _note_of_channels(section: GprSection) -> str:
-    """Return the note of all channels and their antennas."""
-    antennas = frequency_words(section.frequencies)
-    count = len(section.frequencies)
-    return f"all {count} channels in one run, a pair each; antennas {antennas}"
+    return recorded_band([section.delay_of(channel) for channel in range(section.traces.shape[1])])

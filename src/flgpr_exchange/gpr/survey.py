@@ -114,8 +114,7 @@ def place_by_marks(section: GprSection, spacing: float) -> GprSection:
     distance = np.interp(number, marks, along)
     before = number < marks[0]
     after = number > marks[-1]
-    first_gap = marks[1] - marks[0]  # traces from mark to mark
-    last_gap = marks[-1] - marks[-2]
+    first_gap, last_gap = np.diff(marks)[[0, -1]]  # traces from mark to mark
     distance[before] = (number[before] - marks[0]) * spacing / first_gap
     distance[after] = along[-1] + (number[after] - marks[-1]) * spacing / last_gap
 
@@ -168,53 +167,52 @@ def survey_run(
     if not sections:
         raise ValueError("a survey must have at least one line, got none")
     if options.get("band") is None:
-        bands = [common_band(section) for section in sections]
-        lowest = max(band.lowest for band in bands)
-        highest = min(band.highest for band in bands)
-        options["band"] = ReasonedBand(lowest, highest, "common to all lines and their antennas")
+        lows, highs, _ = zip(*map(common_band, sections), strict=True)
+        reason = "common to all lines and their antennas"
+        options["band"] = ReasonedBand(max(lows), min(highs), reason)
     is_placed = anchor is not None or layout.spacing is not None or layout.ends is not None
-    if not is_placed and len(sections) > 1 and not _lie_side_by_side(sections):
-        raise ValueError(
-            "lines of a survey need an anchor, line-spacing or a table of lines, "
-            "which tell where they lie"
-        )
+    if not is_placed and len(sections) > 1:
+        # Unless they are channels of one line, a file each, whose headers place them across.
+        places = {tuple(one.offsets.ravel()) for one in sections if one.offsets is not None}
+        if len(places) < len(sections) or any(one.traces.shape[1] > 1 for one in sections):
+            raise ValueError(
+                "lines of a survey need an anchor, line-spacing or a table of lines, "
+                "which tell where they lie"
+            )
 
-    runs = [_line_run(section, anchor, options) for section in sections]
+    runs = [channels_run(section, anchor=anchor, **options) for section in sections]
+    first = runs[0]
     for section, run in zip(sections, runs, strict=True):
-        differing = _differing_axis(run, runs[0])
+        differing = None
+        if not np.array_equal(run["frequency"].values, first["frequency"].values):
+            differing = "frequency"
+        elif run.sizes["pair"] != first.sizes["pair"]:
+            differing = "pair"
         if differing is not None:
             raise ValueError(
                 f"{section.path}: lines of a survey must have the same time window and channels, "
                 f"this one has another {differing} than {sections[0].path.name}"
             )
 
-    notes: list[str] = []
-    if anchor is None:
-        notes += _place_lines(runs, [section.path.name for section in sections], layout)
+    names = [section.path.name for section in sections]
+    notes = _place_lines(runs, names, layout) if anchor is None else []
     for section, run in zip(sections, runs, strict=True):
         _carry_offset(section, run)
     notes += _without_clocks(runs)
-    scans = [run.sizes["scan"] for run in runs]
-    starts = np.cumsum([0, *scans[:-1]]).tolist()
-    for section, run in zip(sections, runs, strict=True):
-        notes += [f"{section.path.name}: {note}" for note in run.attrs["import_notes"]]
+    starts = np.cumsum([0, *(run.sizes["scan"] for run in runs[:-1])]).tolist()
+    for name, run in zip(names, runs, strict=True):
+        notes += [f"{name}: {note}" for note in run.attrs["import_notes"]]
 
     merged = xr.concat(
         runs, dim="scan", data_vars="minimal", coords="minimal", compat="equals", join="exact"
     )
-    attrs = runs[0].attrs | {
+    attrs = first.attrs | {
         "title": f"{len(runs)} lines",
-        "source": f"{sections[0].format}, {', '.join(section.path.name for section in sections)}",
+        "source": f"{sections[0].format}, {', '.join(names)}",
         "import_notes": notes,
         LINE_STARTS: starts,
     }
     return merged.assign_attrs(attrs)
-
-
-def _lie_side_by_side(sections: Sequence[GprSection]) -> bool:
-    """Return whether lines are channels of one, a file each, whose headers place them across."""
-    places = {tuple(one.offsets.ravel()) for one in sections if one.offsets is not None}
-    return len(places) == len(sections) and all(one.traces.shape[1] == 1 for one in sections)
 
 
 def _carry_offset(section: GprSection, run: xr.Dataset) -> None:
@@ -233,13 +231,6 @@ def _carry_offset(section: GprSection, run: xr.Dataset) -> None:
         run[name].values[:, :2] -= section.offsets[0]
 
 
-def _differing_axis(run: xr.Dataset, first: xr.Dataset) -> str | None:
-    """Return the axis in which a line differs from the first; None if both are alike."""
-    if not np.array_equal(run["frequency"].values, first["frequency"].values):
-        return "frequency"
-    return None if run.sizes["pair"] == first.sizes["pair"] else "pair"
-
-
 def _without_clocks(runs: list[xr.Dataset]) -> list[str]:
     """Take times away where they do not go on from line to line, and return a note of it."""
     time = np.concatenate([run["time"].values for run in runs])
@@ -255,11 +246,6 @@ def _without_clocks(runs: list[xr.Dataset]) -> list[str]:
     ]
 
 
-def _line_run(section: GprSection, anchor: Anchor | None, options: dict[str, Any]) -> xr.Dataset:
-    """Return one line as a run."""
-    return channels_run(section, anchor=anchor, **options)
-
-
 def _place_lines(runs: Sequence[xr.Dataset], names: Sequence[str], layout: LineLayout) -> list[str]:
     """Move the poses of lines, each along +y from the origin, to where they lie; return notes."""
     if layout.ends is not None:
@@ -267,14 +253,12 @@ def _place_lines(runs: Sequence[xr.Dataset], names: Sequence[str], layout: LineL
     spacing = layout.spacing or 0.0
     end = 0.0  # of the line before, m along y
     for number, run in enumerate(runs):
-        runs_back = layout.zigzag and number % 2 == 1
-        length = _length_of(run)
-        if runs_back:
+        if layout.zigzag and number % 2 == 1:
             _move(run, number * spacing, end, math.pi)
             end = 0.0
         else:
+            end = float(np.ptp(run["pose"].values[:, 1]))
             _move(run, number * spacing, 0.0, 0.0)
-            end = length
     if layout.spacing is None and len(runs) > 1:
         return [f"{len(runs)} lines are put side by side, by the offsets of their headers"]
     manner = "all begin at y = 0"
@@ -288,7 +272,7 @@ def _place_by_ends(runs: Sequence[xr.Dataset], names: Sequence[str], ends: Float
     notes: list[str] = []
     for run, name, (x0, y0, x1, y1) in zip(runs, names, ends, strict=True):
         length = math.hypot(x1 - x0, y1 - y0)
-        measured = _length_of(run)
+        measured = float(np.ptp(run["pose"].values[:, 1]))
         if length == 0:
             raise ValueError(
                 f"{name}: a line must end elsewhere than it begins, got ({x0:g}, {y0:g}) m twice"
@@ -300,11 +284,6 @@ def _place_by_ends(runs: Sequence[xr.Dataset], names: Sequence[str], ends: Float
             )
         _move(run, x0, y0, math.atan2(x1 - x0, y1 - y0))
     return notes
-
-
-def _length_of(run: xr.Dataset) -> float:
-    """Return the length of a line along +y, m."""
-    return float(np.ptp(run["pose"].values[:, 1]))
 
 
 def _move(run: xr.Dataset, x: float, y: float, heading: float) -> None:

@@ -10,8 +10,8 @@ import numpy as np
 
 from flgpr.simulate.bodies.signature import Body
 from flgpr.simulate.scene.scene import Target
-from flgpr.types import FloatArray
-from flgpr_exchange.gprmax.grid import CellGrid
+from flgpr.types import ArrayLike
+from flgpr_exchange.gprmax.grid import CellGrid, numbers
 
 Medium = float | Literal["metal"]
 
@@ -66,7 +66,6 @@ def body_lines(
             f"the thickness of {len(thin)} layers of {name}: {1000 * min(thin):.0f} mm and more "
             f"became a cell, {1000 * thinnest:.0f} mm"
         )
-    centre, axis = top_and_axis(target)
     lines: list[str] = []
     edges = itertools.pairwise(body.drops())
     # From the bottom up, so that a thin layer that became a cell is not overwritten.
@@ -77,16 +76,18 @@ def body_lines(
             if body.shape == "box":
                 lines += _box_lines(target, grid, width, body.elongation, top, lower, material)
             else:
-                ends = centre - top * axis, centre - lower * axis
-                lines.append(rod(*ends, width, grid, material))
+                lines.append(disc(target, top, lower, width, grid, material))
     return lines
 
 
-def top_and_axis(target: Target) -> tuple[FloatArray, FloatArray]:
-    """Return the middle of a target's top in the lane frame, m, and its axis, a unit vector up."""
+def disc(
+    target: Target, upper: float, lower: float, radius: float, grid: CellGrid, material: str
+) -> str:
+    """Return the line of a disc about a target's leaning axis, at drops below its top, m."""
     lean = math.sin(target.tilt) * np.array([math.sin(target.azimuth), math.cos(target.azimuth)])
     axis = np.array([*lean, math.cos(target.tilt)])
-    return np.array([target.x, target.y, -target.depth]), axis
+    top = np.array([target.x, target.y, -target.depth])
+    return rod(top - upper * axis, top - lower * axis, radius, grid, material)
 
 
 def thinnest_disc(target: Target, grid: CellGrid) -> float:
@@ -94,10 +95,9 @@ def thinnest_disc(target: Target, grid: CellGrid) -> float:
     return grid.cell / math.cos(target.tilt)
 
 
-def rod(top: FloatArray, bottom: FloatArray, radius: float, grid: CellGrid, material: str) -> str:
+def rod(top: ArrayLike, bottom: ArrayLike, radius: float, grid: CellGrid, material: str) -> str:
     """Return the line of a cylinder between two places of the lane, m."""
-    ends = " ".join(f"{v:.9g}" for v in (*grid.local(top), *grid.local(bottom)))
-    return f"#cylinder: {ends} {radius:.9g} {material}"
+    return f"#cylinder: {numbers(*grid.local(top), *grid.local(bottom), radius)} {material}"
 
 
 def _box_lines(
@@ -118,9 +118,8 @@ def _box_lines(
     for side, end in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
         level = centre + side * half_width * across + end * half_width * elongation * along
         corners.append(grid.local([*level, -target.depth - bottom]))
-    first, second, third, fourth = corners
     lines = []
-    for triangle in ((first, second, third), (first, third, fourth)):
-        places = " ".join(f"{v:.9g}" for corner in triangle for v in corner)
-        lines.append(f"#triangle: {places} {bottom - top:.9g} {material}")
+    for chosen in ((0, 1, 2), (0, 2, 3)):
+        places = np.concatenate([corners[number] for number in chosen])
+        lines.append(f"#triangle: {numbers(*places, bottom - top)} {material}")
     return lines
