@@ -110,10 +110,17 @@ def write_sigmf(
     left_out = sorted(str(name) for name in run.attrs if name not in _IN_MAPPING)
     captures = _captures(run, anchor, time)
     _check_readable(_metadata(run, captures, digest="0" * _SHA512_DIGITS), len(captures))
+    digest = hashlib.sha512()
     with atomic_output(folder) as partial:
         partial.mkdir()
-        digest = _write_samples(run, partial / f"{folder.name}{DATA}")
-        metadata = _metadata(run, captures, digest)
+        with (partial / f"{folder.name}{DATA}").open("wb") as file:
+            for scan in range(run.sizes["scan"]):
+                signal = run["signal"].isel(scan=scan)
+                by_sample = signal.transpose("frequency", "polarization", "pair").values
+                data = by_sample.astype("<c8").tobytes()
+                digest.update(data)
+                file.write(data)
+        metadata = _metadata(run, captures, digest.hexdigest())
         (partial / f"{folder.name}{META}").write_bytes(metadata)
         mapping = _mapping(run, folder.name)
         (partial / f"{folder.name}.toml").write_text(mapping, encoding="utf-8")
@@ -153,19 +160,6 @@ def _rounded(count: float) -> int:
     return int(count) // 10**digits * 10**digits
 
 
-def _write_samples(run: xr.Dataset, path: Path) -> str:
-    """Write the samples scan by scan, and return their SHA-512."""
-    digest = hashlib.sha512()
-    with path.open("wb") as file:
-        for scan in range(run.sizes["scan"]):
-            signal = run["signal"].isel(scan=scan)
-            by_sample = signal.transpose("frequency", "polarization", "pair").values
-            data = by_sample.astype("<c8").tobytes()
-            digest.update(data)
-            file.write(data)
-    return digest.hexdigest()
-
-
 def _global(run: xr.Dataset, digest: str) -> dict[str, Any]:
     """Return what the metadata state of the whole recording."""
     entries: dict[str, Any] = {
@@ -195,9 +189,9 @@ def _captures(
     center = float(frequency[0] + frequency[-1]) / 2
     poses = run["pose"].values
     times = run["time"].values
-    places = None if anchor is None else anchor.to_geodetic(poses[:, :3])
+    places = None if anchor is None else anchor.to_geodetic(poses[:, :3]).tolist()
     captures = []
-    for scan, pose in enumerate(poses):
+    for scan, pose in enumerate(poses.tolist()):
         capture: dict[str, Any] = {
             "core:sample_start": scan * frequency.size,
             "core:frequency": center,
@@ -206,12 +200,12 @@ def _captures(
         if moment is not None:
             capture["core:datetime"] = moment
         if anchor is not None and places is not None:
-            longitude, latitude, height = places[scan].tolist()
+            longitude, latitude, height = places[scan]
             coordinates = [round(longitude, 9), round(latitude, 9)]
             if anchor.heights_known:
                 coordinates.append(round(height, 4))
             capture["core:geolocation"] = {"type": "Point", "coordinates": coordinates}
-        capture[f"{NAMESPACE}:pose"] = pose.tolist()
+        capture[f"{NAMESPACE}:pose"] = pose
         if math.isfinite(times[scan]):
             capture[f"{NAMESPACE}:time"] = float(times[scan])
         captures.append(capture)
