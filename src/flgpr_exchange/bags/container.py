@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO
 
 from flgpr.door import check_expansion, open_named
 from flgpr.store.extras import MissingExtraError, optional
@@ -39,13 +39,6 @@ _WINDOW = 2**27  # largest window of zstd, bytes
 class TooLargeError(ValueError):
     """A record or a chunk takes more memory than it may."""
 
-
-class _Span(NamedTuple):
-    """A record in a chunk: its kind, and where its content begins and stops."""
-
-    kind: int
-    begin: int
-    stop: int
 
 
 @dataclass
@@ -100,8 +93,8 @@ class McapContainer:
                 elif kind == _CHUNK:
                     data, starts, damaged = self._chunk(self._content(file, size))
                     for start in starts:
-                        span = _span_at(data, start)
-                        yield span.kind, data[span.begin : span.stop]
+                        kind, begin, stop = _span_at(data, start)
+                        yield kind, data[begin:stop]
                 elif kind in (SCHEMA, CHANNEL, MESSAGE):
                     yield kind, self._content(file, size)
                 else:
@@ -127,7 +120,8 @@ class McapContainer:
                 return
             yield kind, size
         self.damage.cut_off = True
-        self._note_reason(f"it is cut off after {end} bytes, before the end of its data")
+        fault = f"it is cut off after {end} bytes, before the end of its data"
+        self.damage.reason = self.damage.reason or fault
 
     def _content(self, file: BinaryIO, size: int) -> bytes:
         """Read the content of a record of a size that is checked first."""
@@ -154,7 +148,7 @@ class McapContainer:
             fault = " ".join(str(error).split())[:160] or type(error).__name__
         if not fault:
             return data, starts, None
-        self._note_reason(fault)
+        self.damage.reason = self.damage.reason or fault
         self.damage.damaged_chunks += 1
         self.damage.uncounted_chunks += 1  # until an index states them
         read: Counter[int] = Counter()
@@ -171,14 +165,9 @@ class McapContainer:
         channel, size = _INDEX_HEAD.unpack_from(index)
         if size != len(index) - _INDEX_HEAD.size or size % _INDEX_ENTRY:
             return
-        if not chunk.indexed:
-            chunk.indexed = True
-            self.damage.uncounted_chunks -= 1
+        self.damage.uncounted_chunks -= not chunk.indexed
+        chunk.indexed = True
         self.damage.messages[channel] += max(size // _INDEX_ENTRY - chunk.read[channel], 0)
-
-    def _note_reason(self, reason: str) -> None:
-        """Remember the reason of the first damage."""
-        self.damage.reason = self.damage.reason or reason
 
     def _unpacked(self, content: bytes) -> bytes:
         """Return the records of a chunk, unpacked; damage is an error of any kind."""
@@ -203,18 +192,18 @@ class McapContainer:
 
 def _decompressed(chunk: Any, size: int) -> bytes:
     """Unpack a chunk; at most one byte more than ``size`` is taken."""
+    stream = BytesIO(chunk.data)
     if chunk.compression == "zstd":
         packer = optional("zstandard", "bags").ZstdDecompressor(max_window_size=_WINDOW)
-        with packer.stream_reader(BytesIO(chunk.data)) as stream:
-            return bytes(stream.read(size + 1))
-    if chunk.compression == "lz4":
+        stream = packer.stream_reader(stream)
+    elif chunk.compression == "lz4":
         packer = optional("lz4.frame", "bags").LZ4FrameDecompressor()
         return bytes(packer.decompress(chunk.data, max_length=size + 1))
-    if chunk.compression == "":
-        return bytes(chunk.data)
-    raise ValueError(
-        f"chunks must be packed by zstd, lz4 or not at all, got {chunk.compression[:20]!r}"
-    )
+    elif chunk.compression:
+        raise ValueError(
+            f"chunks must be packed by zstd, lz4 or not at all, got {chunk.compression[:20]!r}"
+        )
+    return bytes(stream.read(size + 1))
 
 
 def _starts_in(data: bytes) -> tuple[array[int], str]:
@@ -226,20 +215,20 @@ def _starts_in(data: bytes) -> tuple[array[int], str]:
     starts = array("Q")
     position = 0
     while position < len(data):
-        span = _span_at(data, position)
-        if span.stop > len(data):
+        kind, _, stop = _span_at(data, position)
+        if stop > len(data):
             return starts, "a record goes beyond the end of its chunk"
-        if span.kind in (SCHEMA, CHANNEL, MESSAGE):
+        if kind in (SCHEMA, CHANNEL, MESSAGE):
             starts.append(position)
-        position = span.stop
+        position = stop
     return starts, ""
 
 
-def _span_at(data: bytes, position: int) -> _Span:
-    """Return the record of a chunk that starts at a position."""
+def _span_at(data: bytes, position: int) -> tuple[int, int, int]:
+    """Return kind, begin and end of the content of the record of a chunk at a position."""
     begin = position + _RECORD_HEAD
     stop = begin + int.from_bytes(data[position + 1 : begin], "little")
-    return _Span(data[position], begin, stop)
+    return data[position], begin, stop
 
 
 def _record_heads(file: BinaryIO, end: int) -> Iterator[tuple[int, int]]:
