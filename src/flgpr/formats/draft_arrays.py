@@ -6,6 +6,8 @@ import math
 import re
 from typing import NamedTuple
 
+import numpy as np
+
 from flgpr.formats.array_file import ArrayFile, ArrayInfo
 from flgpr.formats.draft_units import small_values
 from flgpr.model import POLARIZATIONS
@@ -18,8 +20,8 @@ _IMAGINARY = (("real", "imag"), ("re", "im"), ("_i", "_q"))
 """What names of real parts hold, and those of imaginary parts in its stead."""
 
 
-def find_signal(opened: ArrayFile) -> tuple[ArrayInfo | None, str | None]:
-    """Find the array that is most likely the measured field.
+def find_signal(opened: ArrayFile) -> Field | None:
+    """Find the array that is most likely the measured field, and what its phase is in.
 
     Parameters
     ----------
@@ -28,50 +30,47 @@ def find_signal(opened: ArrayFile) -> tuple[ArrayInfo | None, str | None]:
 
     Returns
     -------
-    signal : ArrayInfo or None
-        The array; None if there is none.
-    imaginary : str or None
-        The array of its imaginary part, if that is apart.
+    Field or None
+        The field; None if there is none.
     """
     if opened.signal:
-        return opened.arrays[opened.signal], None
+        return Field(opened.arrays[opened.signal])
     arrays = [info for info in opened.arrays.values() if math.prod(info.shape) > 1]
     complex_arrays = [info for info in arrays if _COMPLEX.match(info.dtype)]
     if complex_arrays:
-        return _largest(complex_arrays), None
+        return Field(max(complex_arrays, key=_count))
     for info in arrays:
         imaginary = _imaginary_of(info, opened)
         if imaginary is not None:
-            return info, imaginary
-    large = []
-    for info in arrays:
-        is_table = len(info.shape) >= 2 and info.shape[-1] > 3
-        if is_table and not _NO_FIELD.search(info.name):
-            large.append(info)
-    return (_largest(large) if large else None), None
+            return Field(info, imaginary)
+    polar = _find_polar(opened)
+    tables = [info for info in arrays if len(info.shape) >= 2 and info.shape[-1] > 3]
+    fields = [info for info in tables if not _NO_FIELD.search(info.name)]
+    if polar is None and fields:
+        return Field(max(fields, key=_count))
+    return polar
 
 
-class PolarSignal(NamedTuple):
-    """A measured field as network analysers export it: magnitude and phase apart."""
+class Field(NamedTuple):
+    """A measured field, as it lies in a file."""
 
-    magnitude: ArrayInfo
-    phase: ArrayInfo
-    form: str  #: of the magnitude: "dB" or "linear"
-    unit: str  #: of the phase: "deg" or "rad"
+    info: ArrayInfo  #: the array, or its real part, or its magnitude
+    imaginary: str | None = None  #: the array of its imaginary part, if that is apart
+    phase: str | None = None  #: the array of its phase, of a magnitude
+    form: str = ""  #: of the magnitude: "dB" or "linear"
+    unit: str = ""  #: of the phase: "deg" or "rad"
+
+    @property
+    def is_complex(self) -> bool:
+        """Whether it has phases."""
+        has_parts = self.imaginary is not None or self.phase is not None
+        return has_parts or self.info.dtype.startswith("complex")
 
 
-def find_polar(opened: ArrayFile) -> PolarSignal | None:
-    """Find a magnitude and a phase by their names: the first of a file whose shapes agree.
+def _find_polar(opened: ArrayFile) -> Field | None:
+    """Return the magnitude and the phase that network analysers export apart.
 
-    Parameters
-    ----------
-    opened : ArrayFile
-        The file.
-
-    Returns
-    -------
-    PolarSignal or None
-        The arrays; None if there is no such pair.
+    They are the first of a file by their names whose shapes agree.
     """
     for phase in opened.arrays.values():
         beside = _PHASE.split(phase.name.lower(), maxsplit=1)
@@ -83,24 +82,22 @@ def find_polar(opened: ArrayFile) -> PolarSignal | None:
             if is_pair and info is not phase and name.startswith(beside[0].rstrip(" _:")):
                 form = "dB" if "db" in name or "log" in name else "linear"
                 unit = "rad" if "rad" in phase.name.lower() else "deg"
-                return PolarSignal(info, phase, form, unit)
+                return Field(info, None, phase.name, form, unit)
     return None
 
 
-def _largest(infos: list[ArrayInfo]) -> ArrayInfo:
-    """Return the array of most values."""
-    return max(infos, key=lambda info: math.prod(info.shape))
+def _count(info: ArrayInfo) -> int:
+    """Return how many values an array has."""
+    return math.prod(info.shape)
 
 
 def _imaginary_of(info: ArrayInfo, opened: ArrayFile) -> str | None:
     """Return the array whose name and shape make it the imaginary part of another."""
     for real, imaginary in _IMAGINARY:
         expected = re.sub(real, imaginary, info.name, flags=re.IGNORECASE).lower()
-        for name, other in opened.arrays.items():
-            if name.lower() == expected and name != info.name:
-                if other.shape == info.shape:
-                    return name
-                break
+        called = [name for name in opened.arrays if name.lower() == expected and name != info.name]
+        if called and opened.arrays[called[0]].shape == info.shape:
+            return called[0]
     return None
 
 
@@ -120,14 +117,10 @@ def labels_of(opened: ArrayFile, sizes: list[int]) -> list[str]:
         The labels; "HH?" alone where the file names none.
     """
     for info in opened.arrays.values():
-        if math.prod(info.shape) not in sizes:
-            continue
-        values = small_values(opened, info)
+        values = small_values(opened, info) if _count(info) in sizes else None
         if values is None or values.dtype.kind not in "US":
             continue
-        labels = []
-        for value in values.ravel():
-            labels.append(value.decode() if isinstance(value, bytes) else str(value))
-        if labels and set(labels) <= set(POLARIZATIONS):
-            return labels
+        labels = np.char.decode(values) if values.dtype.kind == "S" else values
+        if set(labels.ravel().tolist()) <= set(POLARIZATIONS) and labels.size:
+            return list(labels.ravel().tolist())
     return ["HH?"]
