@@ -168,10 +168,11 @@ def rigid_array(
     moved : float
         How far an antenna moves against the others at most, m; NaN where a position is none.
     """
-    pose = np.zeros((len(tx), 6))
-    pose[:, :3] = tx.mean(axis=1)
-    local_tx, local_rx = (points - pose[:, None, :3] for points in (tx, rx))
+    origin = tx.mean(axis=1)
+    local_tx, local_rx = (points - origin[:, None] for points in (tx, rx))
     moved = max(float(np.abs(points - points[0]).max()) for points in (local_tx, local_rx))
+    pose = np.zeros((len(tx), 6))
+    pose[:, :3] = origin
     return local_tx[0], local_rx[0], pose, moved
 
 
