@@ -20,6 +20,7 @@ from flgpr.formats.reader import Reader
 from flgpr.store.extras import optional
 from flgpr.store.store_layout import MAX_MEMORY
 from flgpr.store.text import decode_text
+from flgpr.types import Notes
 
 _NOISE = 5  # numbers of a line of noise parameters
 _PORTS = re.compile(r"\.s(\d+)p", re.IGNORECASE)
@@ -34,7 +35,7 @@ class TouchstoneText(io.StringIO):
         self.tones = tones  #: how many tones it holds; 0 if the file does not state it
 
 
-def touchstone_text(path: Path, notes: list[str]) -> TouchstoneText:
+def touchstone_text(path: Path, notes: Notes) -> TouchstoneText:
     """Return a file's text, of any encoding, with its tones in the order of frequency.
 
     Parameters
@@ -85,7 +86,7 @@ def touchstone_text(path: Path, notes: list[str]) -> TouchstoneText:
     return TouchstoneText("\n".join([*head, *body]) + "\n", path, len(tones))
 
 
-def _note_noise(lines: int, notes: list[str]) -> None:
+def _note_noise(lines: int, notes: Notes) -> None:
     """Add a note of the lines of noise parameters, if there are any."""
     if lines:
         notes.append(f"{lines} lines of noise parameters are not read")
@@ -147,7 +148,7 @@ class TouchstoneReader(Reader):
 
     def open_arrays(self, path: Path, limit: int) -> ArrayFile:
         """Open the scattering parameters, all and one by one."""
-        notes: list[str] = []
+        notes: Notes = []
         library = optional("skrf", "vna")
         text = touchstone_text(path, notes)
         network = library.Network()

@@ -8,6 +8,7 @@ from flgpr.geo.anchor import anchor_at
 from io_gpr import INTERVAL, SAMPLES, STEP, ZERO, write_impulse, write_mala
 from io_recordings import ALONG, COUNTS, TRACES
 
+
 def has_note(read, words):
     return any(words in note for note in read.history)
 

@@ -36,7 +36,7 @@ from flgpr.formats.child import LARGEST_PROBED, oversized_chunks
 from flgpr.formats.reader import Reader, reader_of, readers
 from flgpr.store.files import existing
 from flgpr.store.text_tables import read_text_table
-from flgpr.types import Arrays
+from flgpr.types import Arrays, Notes
 
 _CHILD = Path(__file__).with_name("child.py")
 _PATIENCE = 120.0  # s
@@ -82,7 +82,7 @@ def open_arrays(path: str | Path, limit: int = LIMIT) -> ArrayFile:
     kind, opener = ("HDF5 file", _open_hdf5) if is_hdf5 else _format_of(path)
     _check_size(path, limit)
     about: list[str] = []
-    notes: list[str] = []
+    notes: Notes = []
     with faults_of_parser(path, kind):
         infos, read = opener(path, limit, about, notes)
     return _not_empty(ArrayFile(path, kind, infos, read, limit, about, notes))
@@ -343,7 +343,7 @@ def _open_npy(path: Path, _: int, about: list[str], *_notes: list[str]) -> Opene
     return arrays, read
 
 
-def _open_text(path: Path, _: int, _about: list[str], notes: list[str]) -> Opened:
+def _open_text(path: Path, _: int, _about: list[str], notes: Notes) -> Opened:
     """Open a table of text."""
     return from_memory(read_text_table(path, notes))
 

@@ -18,11 +18,12 @@ from flgpr.formats.array_file import ArrayFile
 from flgpr.formats.draft_arrays import find_signal
 from flgpr.formats.draft_groups import ArraySource, FileGroup
 from flgpr.formats.draft_names import TIME
-from flgpr.formats.draft_places import Antennas, Places
+from flgpr.formats.draft_places import Places
 from flgpr.formats.draft_roles import Roles
 from flgpr.model.printable import printable
 from flgpr.model.units import UNITS
 from flgpr.toml_text import InlineTable, toml_lines
+from flgpr.types import Entries
 
 _CHECK = "What ends in a question mark is a guess: check it and take the mark away."
 _IN_LANE = "the vehicle in the lane frame; heading is clockwise from +y seen from above"
@@ -57,7 +58,7 @@ class MappingDraft:
     def __init__(self, roles: Roles, folder: Path) -> None:
         self.roles = roles
         self.folder = folder
-        self.tables: dict[str, Any] = {}
+        self.tables: Entries = {}
         self.comments: dict[str, str] = {}
         self.named = {roles.data.key}  # groups of which the mapping names an array
 
@@ -74,7 +75,7 @@ class MappingDraft:
         dims = roles.dims()
         self.tables |= {"title": title, "polarization": roles.labels}
         self._add_join(dims)
-        files: dict[str, Any] = {}
+        files: Entries = {}
         self.tables["files"] = files  # filled at the end: whose arrays are named
         self._add_signal(dims)
         self._add_axis()
@@ -127,7 +128,7 @@ class MappingDraft:
         """Add the table of the signal."""
         roles = self.roles
         field = roles.field
-        entries: dict[str, Any] = {"variable": roles.signal.name}
+        entries: Entries = {"variable": roles.signal.name}
         if field.imaginary:
             entries["imaginary"] = field.imaginary
         if field.phase:
@@ -146,7 +147,7 @@ class MappingDraft:
         self.named.add(group.key)
         return {} if group is self.roles.data else {"file": group.key}
 
-    def _variable(self, source: ArraySource, usual: str = "") -> dict[str, Any]:
+    def _variable(self, source: ArraySource, usual: str = "") -> Entries:
         """Return the entries that name an array, and its unit, which is asked for by its usual."""
         entries = {**self._file(source.group), "variable": source.info.name}
         return entries | ({"unit": source.unit(usual)} if usual else {})
@@ -178,7 +179,7 @@ class MappingDraft:
         if {"tx", "rx"} <= set(antennas):
             antennas = {side: antennas[side] for side in ("tx", "rx")}
         for side, found in list(antennas.items())[:2]:
-            entries: dict[str, Any]
+            entries: Entries
             if found.values is not None:
                 entries = {"values": found.values.tolist()}
             elif found.sides:
@@ -211,7 +212,7 @@ class MappingDraft:
         if is_pose and any(antennas.scans for antennas in roles.antennas.values()):
             return  # positions per scan are in the lane frame, and poses follow from them
         if places is None:
-            unknown: dict[str, Any] = {"x": "?", "y": "?", "z": "?", "unit": "m"}
+            unknown: Entries = {"x": "?", "y": "?", "z": "?", "unit": "m"}
             angles = {"heading": "?", "pitch": "0?", "roll": "0?", "angle_unit": "deg"}
             comment = f"{_IN_LANE}; no array tells where it was"
             self._add_table("pose", comment, **unknown, **angles)
@@ -252,7 +253,7 @@ class MappingDraft:
         self.comments["track.time"] = "no column of times"
         return InlineTable(values=["?"], unit="s")
 
-    def _position(self, places: Places) -> tuple[str, dict[str, Any], str]:
+    def _position(self, places: Places) -> tuple[str, Entries, str]:
         """Return the name of the entry of positions, empty for x, y and z apart; it; a comment."""
         columns = places.columns
         if places.are_geodetic:
@@ -277,7 +278,7 @@ class MappingDraft:
         unit, reason = self.roles.position_unit()
         return "", {**{axis: _component(places, axis) for axis in "xyz"}, "unit": unit}, reason
 
-    def _attitude(self, places: Places, table: str) -> dict[str, Any]:
+    def _attitude(self, places: Places, table: str) -> Entries:
         """Return the entries of heading, pitch and roll, or of a rotation."""
         columns = places.columns
         if places.holds("position") and columns["position"].info.shape[1] == 6:

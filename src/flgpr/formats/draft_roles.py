@@ -51,7 +51,6 @@ _KINDS = {"t": "tx", "s": "tx", "r": "rx", "e": "rx"}
 _POINT_COLUMNS = (2, 3, 6)  # of a position per row: with a height, with three angles
 
 
-
 class Roles:
     """What the arrays of all groups of files are.
 
@@ -226,7 +225,10 @@ class Roles:
                 if kinds is None:
                     kinds = self._kinds_by_order(len(points))
                     units["tx"] = f"{unit.rstrip('?')}?"
-                    reasons = {"tx": "transmitters first in the list?", "rx": "the rest of the list"}
+                    reasons = {
+                        "tx": "transmitters first in the list?",
+                        "rx": "the rest of the list",
+                    }
                 found = {}
                 for side in _SIDES:
                     rows = points[kinds == side]

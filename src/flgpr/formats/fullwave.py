@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -30,6 +29,7 @@ from flgpr.model.frames import rigid_array
 from flgpr.model.printable import printable
 from flgpr.store.files import existing
 from flgpr.store.store_layout import MAX_MEMORY
+from flgpr.types import Entries
 
 _ARRAYS = ("data", "frequency_hz", "polarisation", "tx_xyz_m", "rx_xyz_m")
 _LARGEST_MOTION = 1e-6  # m, of antennas in an array that keeps its form
@@ -88,7 +88,7 @@ def import_fullwave(path: str | Path, max_memory: int = MAX_MEMORY) -> FullwaveL
     scans, transmitters, receivers, polarizations, tones = data.shape
     shape = (scans, polarizations, transmitters * receivers, tones)
     signal = data.transpose(0, 3, 1, 2, 4).reshape(shape)
-    attrs: dict[str, Any] = {"source": "full-wave (FDTD) lane", "title": printable(path.stem)}
+    attrs: Entries = {"source": "full-wave (FDTD) lane", "title": printable(path.stem)}
     truth = parse_json(str(opened.read("truth"))) if "truth" in opened.arrays else None
     if truth is not None and "soil_eps" in truth:
         attrs["soil"] = {
@@ -104,7 +104,7 @@ def import_fullwave(path: str | Path, max_memory: int = MAX_MEMORY) -> FullwaveL
     return FullwaveLane(run, _truth_table(truth), _object_table(truth))
 
 
-def _truth_table(truth: dict[str, Any]) -> pd.DataFrame:
+def _truth_table(truth: Entries) -> pd.DataFrame:
     """Return the mines of a world as a table of truth."""
     sizes = {name: truth.get(f"mine_{name}_m", np.nan) for name in ("radius", "height")}
     rows = []
@@ -114,7 +114,7 @@ def _truth_table(truth: dict[str, Any]) -> pd.DataFrame:
     return check_truth(pd.DataFrame(rows)) if rows else empty_table(TRUTH_COLUMNS)
 
 
-def _object_table(truth: dict[str, Any]) -> pd.DataFrame:
+def _object_table(truth: Entries) -> pd.DataFrame:
     """Return the rocks and posts of a world as a table of objects."""
     rows = []
     for kind, size_name in (("rock", "radius"), ("post", "height")):

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -18,7 +18,6 @@ from flgpr.formats.mapping import (
     Mapping,
     PathOffset,
     Positions,
-    Quantity,
     Samples,
     Signal,
     factor,
@@ -32,7 +31,7 @@ from flgpr.model.frames import rigid_array
 from flgpr.model.phase import lengthen
 from flgpr.model.track import poses_at
 from flgpr.store.files import natural_order
-from flgpr.types import AnyArray, ArrayLike, FloatArray, floats
+from flgpr.types import AnyArray, ArrayLike, Entries, FloatArray, Notes, floats
 
 if TYPE_CHECKING:
     from flgpr.geo.anchor import Anchor
@@ -55,7 +54,7 @@ class Imported:
     #: the track the poses come from, on its own clock; None if the poses came otherwise
     track: pd.DataFrame | None = None
     #: what was done to the data in the import, in words
-    notes: list[str] = field(default_factory=list)
+    notes: Notes = field(default_factory=list)
     #: the anchor that the fixes themselves made, if they were asked to
     anchor: Anchor | None = None
 
@@ -223,7 +222,7 @@ class _Importer:
                 "and count as missing"
             )
 
-        attrs: dict[str, Any] = {
+        attrs: Entries = {
             "title": mapping.title,
             "source": mapping.source,
             "import_notes": self.notes,

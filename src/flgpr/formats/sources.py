@@ -15,7 +15,7 @@ from flgpr.formats.array_file import ArrayFile
 from flgpr.formats.arrays import open_arrays
 from flgpr.formats.mapping import EntryValue, Index, Positions, Quantity, Variable, factor
 from flgpr.model.faults import faults_of
-from flgpr.types import AnyArray, FloatArray, IntArray, floats
+from flgpr.types import AnyArray, FloatArray, IntArray, Notes, floats
 
 if TYPE_CHECKING:
     from flgpr.geo.anchor import Anchor
@@ -35,7 +35,7 @@ class Sources:
     join: str  #: dimension along which several files continue
     limit: int  #: largest array, and largest sum over the files that are joined, bytes
     grid: tuple[int, ...] = ()  #: lengths of the scan axes of a raster
-    notes: list[str] = field(default_factory=list)
+    notes: Notes = field(default_factory=list)
     anchor_from_track: bool = False  #: whether fixes without an anchor make their own
     anchor: Anchor | None = None  #: what they made
     _open: dict[Path, ArrayFile] = field(default_factory=dict)

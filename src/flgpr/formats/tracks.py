@@ -28,7 +28,7 @@ from flgpr.store.files import existing
 from flgpr.store.store_layout import MAX_MEMORY
 from flgpr.store.text import decode_text
 from flgpr.store.text_tables import read_text_table
-from flgpr.types import AnyArray, FloatArray, floats
+from flgpr.types import AnyArray, FloatArray, Notes, floats
 
 _DAY = 86400.0
 _ANGLES = ("heading", "pitch", "roll")
@@ -106,7 +106,7 @@ def read_track(
 
 
 def _poses_of_table(
-    columns: Mapping[str, AnyArray], heading: str, notes: list[str]
+    columns: Mapping[str, AnyArray], heading: str, notes: Notes
 ) -> tuple[FloatArray, FloatArray]:
     """Return times and poses (fix, 6) of a table; a heading by the course is left zero."""
     names = [column.name for column in TRACK_COLUMNS]
@@ -226,7 +226,7 @@ def read_nmea(
     path = existing(path)
     if height is None and not anchor.heights_known:
         raise ValueError("height must be given, the anchor's points have none")
-    notes: list[str] = []
+    notes: Notes = []
     log = _read_log(path, quality, notes)
     is_own_anchor = math.isnan(anchor.sigma)
     places = _places_of(log, path, notes, height is None, is_own_anchor)
@@ -267,7 +267,7 @@ def read_nmea(
     return track
 
 
-def _read_log(path: Path, quality: tuple[int, ...], notes: list[str]) -> _NmeaLog:
+def _read_log(path: Path, quality: tuple[int, ...], notes: Notes) -> _NmeaLog:
     """Read the GGA of some qualities and the headings of a log; count what is not used."""
     text = decode_text(read_named(path, MAX_MEMORY), path.name, notes)
     counts = SentenceCounts()
@@ -311,7 +311,7 @@ def _read_log(path: Path, quality: tuple[int, ...], notes: list[str]) -> _NmeaLo
 
 
 def _places_of(
-    log: _NmeaLog, path: Path, notes: list[str], needs_height: bool, is_own_anchor: bool
+    log: _NmeaLog, path: Path, notes: Notes, needs_height: bool, is_own_anchor: bool
 ) -> FloatArray:
     """Return time, s, longitude, latitude, degrees, and ellipsoidal height, m, of fixes (fix, 4).
 

@@ -16,9 +16,9 @@ import numpy as np
 
 from flgpr.budget import VALUE, Budget
 from flgpr.model.bounds import shown_number
-from flgpr.types import AnyArray
+from flgpr.types import AnyArray, Entries
 
-Decoder = Callable[[bytes], dict[str, Any]]
+Decoder = Callable[[bytes], Entries]
 _NUMBERS = {
     "bool": "u1",
     "byte": "u1",
@@ -97,7 +97,7 @@ def message_decoder(name: str, text: str) -> Decoder:
             definitions[_short(head[1], "")] = body[head.end() :]
     top = _struct(top_name, definitions, {}, 0)
 
-    def decode(data: bytes) -> dict[str, Any]:
+    def decode(data: bytes) -> Entries:
         return _Reader(data).struct(top)
 
     return decode
@@ -211,7 +211,7 @@ class _Reader:
         content = self.data[begin : self.position].rstrip(b"\0")
         return content.decode("utf-8", errors="replace")
 
-    def struct(self, kind: _Struct) -> dict[str, Any]:
+    def struct(self, kind: _Struct) -> Entries:
         """Return the fields of a message by their names."""
         if not kind.fields:
             self.numbers("u1", 1)  # an empty message has a byte

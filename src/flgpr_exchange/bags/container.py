@@ -40,7 +40,6 @@ class TooLargeError(ValueError):
     """A record or a chunk takes more memory than it may."""
 
 
-
 @dataclass
 class ContainerDamage:
     """What of a recording cannot be read and is left out."""

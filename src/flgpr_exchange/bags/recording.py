@@ -25,7 +25,7 @@ from flgpr.formats.draft_mapping import draft_of_file
 from flgpr.formats.reader import Explanation, Reader
 from flgpr.json_text import parse_json
 from flgpr.store.extras import optional
-from flgpr.types import AnyArray
+from flgpr.types import AnyArray, Entries, Notes
 from flgpr_exchange.bags.cdr import MOST_MESSAGE, Decoder, message_decoder
 from flgpr_exchange.bags.container import CHANNEL, MESSAGE, SCHEMA, McapContainer
 
@@ -59,12 +59,12 @@ class _Series:
     count: int = 0
     first: int = 0  # log times, ns
     last: int = 0
-    fields: dict[str, Any] = field(default_factory=dict)  # of the first message that can be read
+    fields: Entries = field(default_factory=dict)  # of the first message that can be read
     known: bool = False  # whether one was read
     damaged: int = 0  # messages that cannot be read, of those decoded
     fault: str = ""
 
-    def all_fields(self) -> dict[str, Any]:
+    def all_fields(self) -> Entries:
         """Return the fields of a message, the recorder's two times before them."""
         return {_LOG_TIME: np.float64(), _PUBLISH_TIME: np.float64(), **self.fields}
 
@@ -119,7 +119,7 @@ class Recording:
         self._has_summary = False  # whether what the summary repeats is known
         self._left_out: Counter[str] = Counter()
         self.arrays: dict[str, ArrayInfo] = {}
-        self.notes: list[str] = []
+        self.notes: Notes = []
         self._count()
 
     @property
@@ -357,7 +357,9 @@ def _line_of(series: _Series) -> str:
     span = f" over {(series.last - series.first) / 1e9:.6g} s" if series.count > 1 else ""
     fields = series.fields
     # Components of vectors are not listed.
-    vectors = tuple(f"{name}." for name in fields if f"{name}.x" in fields and np.ndim(fields[name]))
+    vectors = tuple(
+        f"{name}." for name in fields if f"{name}.x" in fields and np.ndim(fields[name])
+    )
     shapes = [
         f"{name} {'x'.join(map(str, np.shape(value)))}".strip()
         for name, value in fields.items()
@@ -380,9 +382,7 @@ def _declare(kind: int, content: bytes, known: _Known) -> bool:
     return True
 
 
-def _decoded(
-    decode: Decoder, data: bytes, series: _Series, take: Callable[[dict[str, Any]], Any]
-) -> Any:
+def _decoded(decode: Decoder, data: bytes, series: _Series, take: Callable[[Entries], Any]) -> Any:
     """Return what is taken of a message; ``_DAMAGED`` for a damaged one, which its series counts."""
     try:
         return take(decode(data))
@@ -392,7 +392,7 @@ def _decoded(
         return _DAMAGED
 
 
-def _transforms_in(content: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+def _transforms_in(content: Entries) -> list[tuple[str, Entries]]:
     """Return frames and fields of each transform of a message."""
     found = []
     for transform in content.get("transforms", ()):
@@ -419,18 +419,18 @@ def _from_json(data: bytes) -> Any:
     return parse_json(data, whole=float)
 
 
-def _flat(content: Any) -> dict[str, Any]:
+def _flat(content: Any) -> Entries:
     """Return the numbers and texts of a message by their path.
 
     Lists of like messages become arrays of their fields. Paths that take more memory than a message
     may are a ValueError: each repeats all names above it.
     """
-    fields: dict[str, Any] = {}
+    fields: Entries = {}
     _add_flat(fields, content, "", Budget("the fields of a message", MOST_MESSAGE))
     return fields
 
 
-def _add_flat(fields: dict[str, Any], content: Any, path: str, budget: Budget) -> None:
+def _add_flat(fields: Entries, content: Any, path: str, budget: Budget) -> None:
     """Add the numbers and texts of a part of a message to those of the message."""
     if isinstance(content, dict):
         _add_table(fields, content, path, budget)
@@ -442,7 +442,7 @@ def _add_flat(fields: dict[str, Any], content: Any, path: str, budget: Budget) -
         fields[path] = content
 
 
-def _add_table(fields: dict[str, Any], content: dict[str, Any], path: str, budget: Budget) -> None:
+def _add_table(fields: Entries, content: Entries, path: str, budget: Budget) -> None:
     """Add the fields of a message by their path.
 
     A stamp is a number of seconds; fields that all are numbers are a vector besides.
@@ -464,14 +464,14 @@ def _add_table(fields: dict[str, Any], content: dict[str, Any], path: str, budge
 
 
 def _add_list(
-    fields: dict[str, Any], content: list[Any] | tuple[Any, ...], path: str, budget: Budget
+    fields: Entries, content: list[Any] | tuple[Any, ...], path: str, budget: Budget
 ) -> None:
     """Add a list of numbers as an array, one of like messages as arrays of their fields."""
     if not content or not all(isinstance(item, dict) for item in content):
         with suppress(ValueError, TypeError):
             fields[path] = np.array(content, dtype=np.float64)
         return
-    rows: list[dict[str, Any]] = [{} for _ in content]
+    rows: list[Entries] = [{} for _ in content]
     for row, item in zip(rows, content, strict=True):
         _add_flat(row, item, "", budget)
     for name, first in rows[0].items():

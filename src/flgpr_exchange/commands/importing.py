@@ -20,6 +20,7 @@ from flgpr.progress import Track, silent
 from flgpr.store import RunWriter, save_run, write_whole
 from flgpr.store.outputs import log_finished
 from flgpr.store.run_writer import RunExistsError
+from flgpr.types import Entries, Notes
 from flgpr_exchange.gpr.channels import channels_run
 from flgpr_exchange.gpr.files import read_gpr
 from flgpr_exchange.gpr.line_run import gpr_run
@@ -95,7 +96,7 @@ def import_lines(
     if positions.mark_spacing is not None:
         sections = [place_by_marks(section, positions.mark_spacing) for section in sections]
     anchor = read_optional_anchor(positions.anchor)
-    anchor_notes: list[str] = []
+    anchor_notes: Notes = []
     if positions.anchor_from_track:
         with faults_of(first.path):
             anchor, anchor_notes = anchor_from_fixes(first.fixes[:, 1:], first.fixes[:, 0])
@@ -189,7 +190,7 @@ def import_gprmax_decks(
     return written
 
 
-def attributes_of_decks(manifest: Mapping[str, Any], keep_direct: bool) -> dict[str, Any]:
+def attributes_of_decks(manifest: Mapping[str, Any], keep_direct: bool) -> Entries:
     """Return the attributes of a run that is made of decks."""
     described = ("seed", "sensor", "grid", "soil", "surface", "omissions")
     return {

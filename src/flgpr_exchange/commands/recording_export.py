@@ -27,6 +27,7 @@ from flgpr.model import POSE_COMPONENTS
 from flgpr.results.result import Result, read_result
 from flgpr.store.notes import log_note
 from flgpr.store.outputs import atomic_output
+from flgpr.types import Entries
 from flgpr_exchange.bags import foxglove
 from flgpr_exchange.bags.writer import McapWriter, mcap_file
 from flgpr_exchange.commands.exporting import (
@@ -122,8 +123,8 @@ class LiveRecorder:
         self._grid: dict[str, float] = {}
         self._rows: dict[int, NDArray[np.float16]] = {}  # of the run-view, by number
         self._median_db = 0.0
-        self._on_earth: dict[str, dict[str, Any]] = {}  # alarms with a place there, by name
-        self._scan_alarms: list[dict[str, Any]] = []  # events of alarms since the last scan
+        self._on_earth: dict[str, Entries] = {}  # alarms with a place there, by name
+        self._scan_alarms: list[Entries] = []  # events of alarms since the last scan
         self._kinds: dict[str, Callable[[Mapping[str, Any]], None]] = {
             "start": self._start,
             "scan": self._scan,
@@ -222,7 +223,7 @@ class LiveRecorder:
             ahead = [alarm for alarm in self._on_earth.values() if alarm["state"] != "final"]
             self._write_map(ahead)
 
-    def _write_map(self, alarms: list[dict[str, Any]]) -> None:
+    def _write_map(self, alarms: list[Entries]) -> None:
         """Write alarms as points of a map, in place of those before."""
         self._add("/flgpr/map", foxglove.geojson_message(alarms, STATEMENT))
 
@@ -297,9 +298,7 @@ def _nanoseconds(seconds: float) -> int:
     return round(seconds * 1000) * (_SECOND // 1000)
 
 
-def _alarms_of(
-    result: Result, detection: Detection, anchor: PathLike | None
-) -> list[dict[str, Any]]:
+def _alarms_of(result: Result, detection: Detection, anchor: PathLike | None) -> list[Entries]:
     """Return the alarms of a detection, with places on the Earth where it is known."""
     alarms = []
     for row in detection.alarms.to_dict("records"):
@@ -314,7 +313,7 @@ def _alarms_of(
 
 
 def _result_messages(
-    result: Result, detection: Detection, alarms: list[dict[str, Any]], begin: int
+    result: Result, detection: Detection, alarms: list[Entries], begin: int
 ) -> Iterator[tuple[str, foxglove.Message]]:
     """Yield the messages that stand from the beginning: run-view, alarms and map."""
     levels = decibels(channel_levels(detection, alarm_channel(result, detection)))

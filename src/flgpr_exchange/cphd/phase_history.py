@@ -44,6 +44,8 @@ class _Channel(NamedTuple):
 
     signal: AnyArray  # (scan, frequency)
     vectors: Vectors
+
+
 def write_cphd(
     run: xr.Dataset, path: str | Path, anchor: Anchor, scene: Grid | None = None
 ) -> Path:

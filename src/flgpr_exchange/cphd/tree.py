@@ -13,7 +13,7 @@ from flgpr.geo.anchor import Anchor
 from flgpr.json_text import canonical_json
 from flgpr.model import POSE_COMPONENTS, Grid
 from flgpr.store.extras import optional
-from flgpr.types import Arrays, FloatArray
+from flgpr.types import Arrays, Entries, FloatArray
 from flgpr_exchange.documents import document
 
 Vectors = Arrays
@@ -103,7 +103,7 @@ def _dwell(first: Vectors) -> tuple[float, float]:
     return center, duration
 
 
-def _place(anchor: Anchor, scene: Grid) -> dict[str, Any]:
+def _place(anchor: Anchor, scene: Grid) -> Entries:
     """Return where the scene lies: its centre, axes and corners on the Earth."""
     x1, x2, y1, y2 = scene.extent()
     center = np.array([(x1 + x2) / 2, (y1 + y2) / 2, 0.0])
@@ -120,7 +120,7 @@ def _place(anchor: Anchor, scene: Grid) -> dict[str, Any]:
     }
 
 
-def _channel(run: xr.Dataset, name: str) -> dict[str, Any]:
+def _channel(run: xr.Dataset, name: str) -> Entries:
     """Return name and polarization of a channel, and whether no sweep of it is missing."""
     pair, label = name.split("_")[:2]
     labels = [str(one) for one in run["polarization"].values]
@@ -144,7 +144,7 @@ def _added(run: xr.Dataset) -> dict[str, str]:
     }
 
 
-def _layout(first: Vectors) -> tuple[list[dict[str, Any]], int]:
+def _layout(first: Vectors) -> tuple[list[Entries], int]:
     """Return how the parameters of a vector lie in it, and its bytes; a number is a word."""
     offset = 0  # in words of 8 bytes
     layout = []

@@ -17,6 +17,8 @@ import re
 import tomllib
 from importlib import resources
 
+from flgpr.types import Notes
+
 _MODELS = tomllib.loads(
     (resources.files("flgpr_exchange.gpr") / "antennas.toml").read_text("utf-8")
 )
@@ -69,7 +71,7 @@ def set_frequency(name: str, channel: int) -> float | None:
     return None if megahertz is None else megahertz * 1e6
 
 
-def noted_frequency(name: str, maker: str, notes: list[str], channel: int = 0) -> float | None:
+def noted_frequency(name: str, maker: str, notes: Notes, channel: int = 0) -> float | None:
     """Return what :func:`antenna_frequency` does, and note how it is known.
 
     There is no note where the name states it with a unit.

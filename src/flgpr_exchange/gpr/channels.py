@@ -12,6 +12,7 @@ import xarray as xr
 
 from flgpr.formats.section import GprSection
 from flgpr.store.store_layout import MAX_MEMORY
+from flgpr.types import Entries
 from flgpr_exchange.gpr.files import read_gpr
 from flgpr_exchange.gpr.line_run import (
     ReasonedBand,
@@ -120,7 +121,7 @@ def preview_run(path: str | Path, max_memory: int = MAX_MEMORY) -> xr.Dataset:
     """
     section = read_gpr(path, max_memory)
     band = ReasonedBand(*_widest_band(section), "all that is recorded")
-    options: dict[str, Any] = {"band": band}
+    options: Entries = {"band": band}
     notes = []
     if section.distance is None:
         options["step"] = 1.0

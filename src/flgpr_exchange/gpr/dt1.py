@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from flgpr.types import AnyArray, FloatArray
+from flgpr.types import AnyArray, Entries, FloatArray, Notes
 from flgpr_exchange.gpr.parts import (
     FARTHEST,
     INTERVALS,
@@ -66,7 +66,7 @@ _UNUSED = (
 _LEAST_SEPARATION = 0.005  # m, of two antennas
 
 
-def read_dt1(path: Path, limit: int, notes: list[str]) -> dict[str, Any]:
+def read_dt1(path: Path, limit: int, notes: Notes) -> Entries:
     """Read a DT1.
 
     Parameters
@@ -132,7 +132,7 @@ def read_dt1(path: Path, limit: int, notes: list[str]) -> dict[str, Any]:
 
 
 def _records(
-    path: Path, head: Header, samples: int, stated: float | None, notes: list[str], limit: int
+    path: Path, head: Header, samples: int, stated: float | None, notes: Notes, limit: int
 ) -> AnyArray:
     """Read the traces with their headers.
 
@@ -185,7 +185,7 @@ def _second_agrees(path: Path, samples: int, sample: str, swapped: bool) -> bool
 
 
 def _lengths(
-    head: Header, header_words: FloatArray, notes: list[str]
+    head: Header, header_words: FloatArray, notes: Notes
 ) -> tuple[FloatArray | None, float | None]:
     """Return the distance along the line (trace,), m, and the antennas' separation, m, if known."""
     name = head.text("POSITION UNITS")
@@ -218,7 +218,7 @@ def _lengths(
     return distance, separation * unit
 
 
-def _fixes(path: Path, header_words: FloatArray, notes: list[str]) -> Fixes:
+def _fixes(path: Path, header_words: FloatArray, notes: Notes) -> Fixes:
     """Return the positions of the .GPS beside the recording, or of newer instruments' .GP2."""
     older = find_companion(path, ".gps")
     newer = find_companion(path, ".gp2")
@@ -232,7 +232,7 @@ def _fixes(path: Path, header_words: FloatArray, notes: list[str]) -> Fixes:
     return nmea_fixes(older or newer, len(stated), notes, numbers)
 
 
-def _gather(head: Header, header_words: FloatArray, notes: list[str]) -> str:
+def _gather(head: Header, header_words: FloatArray, notes: Notes) -> str:
     """Return what the file calls a survey whose antennas move apart; empty for a line."""
     mode = head.text("SURVEY MODE")
     letters = "".join(filter(str.isalpha, mode.lower()))

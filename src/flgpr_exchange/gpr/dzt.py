@@ -7,12 +7,11 @@ such as the example data of GPRPy.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike
 
-from flgpr.types import FloatArray, IntArray
+from flgpr.types import Entries, FloatArray, IntArray, Notes
 from flgpr_exchange.gpr.antennas import antenna_frequency, noted_frequency, set_frequency
 from flgpr_exchange.gpr.dzx import DzxContent, read_dzx
 from flgpr_exchange.gpr.parts import (
@@ -59,7 +58,7 @@ _WORDS = {
 """Words of a channel's header that are read: type and offset."""
 
 
-def read_dzt(path: Path, limit: int, notes: list[str]) -> dict[str, Any]:
+def read_dzt(path: Path, limit: int, notes: Notes) -> Entries:
     """Read a DZT.
 
     Parameters, entries and errors are those of :func:`flgpr_exchange.gpr.dt1.read_dt1`.
@@ -122,7 +121,7 @@ def read_dzt(path: Path, limit: int, notes: list[str]) -> dict[str, Any]:
     }
 
 
-def _check_head(head: dict[str, Any], notes: list[str]) -> None:
+def _check_head(head: Entries, notes: Notes) -> None:
     """Refuse a first header of no such file; note what is unusual in one."""
     tag, samples, bits, channels = (head[name] for name in ("tag", "samples", "bits", "channels"))
     if bits not in _TYPES or samples < 4 or channels > _MOST_CHANNELS:
@@ -136,14 +135,14 @@ def _check_head(head: dict[str, Any], notes: list[str]) -> None:
         notes.append(f"its tag is {tag:#06x}, not 0xnnFF: so begin files that RADAN edited")
 
 
-def _is_plausible(is_within: bool, value: float, what: str, notes: list[str]) -> bool:
+def _is_plausible(is_within: bool, value: float, what: str, notes: Notes) -> bool:
     """Return whether a value of the header is within its bounds; note one that is not, unless 0."""
     if value != 0 and not is_within:
         notes.append(f"{value:g} {what} and are not used")
     return is_within
 
 
-def _delays(heads: list[dict[str, Any]], notes: list[str]) -> FloatArray:
+def _delays(heads: list[Entries], notes: Notes) -> FloatArray:
     """Return the delays (channel, sample), s, by each channel's own header."""
     first = heads[0]
     samples = first["samples"]
@@ -181,7 +180,7 @@ def _delays(heads: list[dict[str, Any]], notes: list[str]) -> FloatArray:
     return delays
 
 
-def _distance(count: int, per_metre: float, dzx: DzxContent, notes: list[str]) -> FloatArray | None:
+def _distance(count: int, per_metre: float, dzx: DzxContent, notes: Notes) -> FloatArray | None:
     """Return the distance along the line (trace,), m.
 
     It is that of the waypoints of the DZX, else by the wheel or by the DZX's spacing.
@@ -200,7 +199,7 @@ def _distance(count: int, per_metre: float, dzx: DzxContent, notes: list[str]) -
     return None
 
 
-def _between_waypoints(count: int, waypoints: FloatArray, notes: list[str]) -> FloatArray:
+def _between_waypoints(count: int, waypoints: FloatArray, notes: Notes) -> FloatArray:
     """Return the distance (trace,), m, between waypoints (waypoint, 2) of scan and distance.
 
     It goes on at the mean step before the first and behind the last.
@@ -223,7 +222,7 @@ def _between_waypoints(count: int, waypoints: FloatArray, notes: list[str]) -> F
     return distance
 
 
-def _marks(mark_words: IntArray, dzx: DzxContent, notes: list[str]) -> tuple[int, ...]:
+def _marks(mark_words: IntArray, dzx: DzxContent, notes: Notes) -> tuple[int, ...]:
     """Return the traces with a mark.
 
     Their second word differs from the usual one, or the DZX marks them.
@@ -241,7 +240,7 @@ def _marks(mark_words: IntArray, dzx: DzxContent, notes: list[str]) -> tuple[int
     return tuple(sorted({*marked.tolist(), *dzx.marks}))
 
 
-def _frequencies(heads: list[dict[str, Any]], notes: list[str]) -> tuple[float | None, ...]:
+def _frequencies(heads: list[Entries], notes: Notes) -> tuple[float | None, ...]:
     """Return the nominal frequency of each channel's antenna, Hz, by its name in the header."""
     names = [head["antenna"].split(b"\0")[0].decode("latin-1").strip() for head in heads]
     quoted = ", ".join(map(repr, names))
@@ -250,9 +249,7 @@ def _frequencies(heads: list[dict[str, Any]], notes: list[str]) -> tuple[float |
     return tuple(_frequency_of(channel, names, is_mini_xt, notes) for channel in range(len(names)))
 
 
-def _frequency_of(
-    channel: int, names: list[str], is_mini_xt: bool, notes: list[str]
-) -> float | None:
+def _frequency_of(channel: int, names: list[str], is_mini_xt: bool, notes: Notes) -> float | None:
     """Return the nominal frequency of a channel's antenna, Hz.
 
     It is known by its name, the set it is of, or the system.

@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from flgpr.budget import Budget
-from flgpr.types import FloatArray, floats
+from flgpr.types import FloatArray, Notes, floats
 from flgpr_exchange.gpr.parts import length_unit, read_companion
 
 _MOST_WAYPOINTS = 1_000_000
@@ -28,7 +28,7 @@ class DzxContent(NamedTuple):
     distances: FloatArray = np.empty((0, 2))
 
 
-def read_dzx(path: Path | None, count: int, notes: list[str]) -> DzxContent:
+def read_dzx(path: Path | None, count: int, notes: Notes) -> DzxContent:
     """Read a ``.dzx``, GSSI's XML, as readgssi and RGPR do.
 
     Parameters

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from flgpr.formats.section import GprSection
 from flgpr.model.printable import printable
 from flgpr.store.files import existing
 from flgpr.store.store_layout import MAX_MEMORY
+from flgpr.types import Entries, Notes
 from flgpr_exchange.gpr.dt1 import read_dt1
 from flgpr_exchange.gpr.dzt import read_dzt
 from flgpr_exchange.gpr.ids import read_ids
@@ -76,7 +76,7 @@ def read_gpr(path: str | Path, max_memory: int = MAX_MEMORY) -> GprSection:
     if suffix not in READERS:
         raise ValueError(f"{path}: the ending must be one of {', '.join(READERS)}, got {suffix!r}")
     format_name, reader = READERS[suffix]
-    notes: list[str] = []
+    notes: Notes = []
     try:
         entries = reader(path, max_memory, notes)
     except MissingHeaderError:
@@ -110,7 +110,7 @@ def is_gpr(path: Path) -> bool:
     return path.suffix.lower() in {**READERS, **NOT_READ, **_BESIDE}
 
 
-READERS: dict[str, tuple[str, Callable[[Path, int, list[str]], dict[str, Any]]]] = {
+READERS: dict[str, tuple[str, Callable[[Path, int, list[str]], Entries]]] = {
     ".dt1": ("Sensors & Software DT1", read_dt1),
     ".dzt": ("GSSI DZT", read_dzt),
     ".rd3": ("MALÅ RD3", read_mala),

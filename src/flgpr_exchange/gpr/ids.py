@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from flgpr.types import AnyArray
+from flgpr.types import AnyArray, Entries, Notes
 from flgpr_exchange.gpr.parts import (
     INTERVALS,
     ZERO_ASSUMED,
@@ -37,7 +36,7 @@ _WINDOW = 3  # which of these is the time window
 _STEPS = (6, 8)  # and which may be the distance of the traces: the cell across stands there, too
 
 
-def read_ids(path: Path, limit: int, notes: list[str]) -> dict[str, Any]:
+def read_ids(path: Path, limit: int, notes: Notes) -> Entries:
     """Read a DT.
 
     Parameters, entries and errors are those of :func:`flgpr_exchange.gpr.dt1.read_dt1`.
@@ -97,7 +96,7 @@ def read_ids(path: Path, limit: int, notes: list[str]) -> dict[str, Any]:
     }
 
 
-def _step_of(steps: list[float], notes: list[str]) -> float | None:
+def _step_of(steps: list[float], notes: Notes) -> float | None:
     """Return the distance of the traces, m: the first field of H that can be it."""
     plausible = [step for step in steps if 0 < abs(step) < 1e3]
     if len(set(plausible)) > 1:

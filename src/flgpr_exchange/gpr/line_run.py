@@ -6,7 +6,7 @@ import math
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -16,7 +16,7 @@ from flgpr.formats.section import GprSection
 from flgpr.geo.anchor import Anchor
 from flgpr.model import make_run
 from flgpr.store.store_layout import MAX_MEMORY
-from flgpr.types import ComplexArray, FloatArray, IntArray
+from flgpr.types import ComplexArray, Entries, FloatArray, IntArray, Notes
 from flgpr_exchange.gpr.files import NOT_READ, READERS, read_gpr
 from flgpr_exchange.gpr.parts import INTERVALS, MissingHeaderError, note_count
 from flgpr_exchange.gpr.places import doubts_of_fixes, options_that_place, trace_poses
@@ -129,7 +129,7 @@ def gpr_run(
     note_count(notes, len(section.marks), "marks of the operator are not kept in the run")
     signal, tones = _signal(section, channel, traces, delay, chosen_band)
 
-    attrs: dict[str, Any] = {
+    attrs: Entries = {
         "title": section.title,
         "source": f"{section.format}, {section.path.name}",
         "import_notes": notes,
@@ -241,7 +241,7 @@ def _band(
     band: tuple[float, float] | ReasonedBand | None,
     nominal: float | None,
     delay: FloatArray,
-    notes: list[str],
+    notes: Notes,
 ) -> tuple[float, float]:
     """Return the band to keep, Hz.
 

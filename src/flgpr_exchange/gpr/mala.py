@@ -6,10 +6,11 @@ ImpulseRadar's layout follows MALÅ's: one reader takes both, by a table of what
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from flgpr.types import Entries, Notes
 from flgpr_exchange.gpr.antennas import noted_frequency
 from flgpr_exchange.gpr.parts import (
     INTERVALS,
@@ -57,7 +58,7 @@ _IMPULSE = _Maker(
 )
 
 
-def read_mala(path: Path, limit: int, notes: list[str]) -> dict[str, Any]:
+def read_mala(path: Path, limit: int, notes: Notes) -> Entries:
     """Read an RD3 or RD7.
 
     Parameters, entries and errors are those of :func:`flgpr_exchange.gpr.dt1.read_dt1`.
@@ -65,14 +66,12 @@ def read_mala(path: Path, limit: int, notes: list[str]) -> dict[str, Any]:
     return _read(path, limit, _MALA, 32 if path.suffix.lower() == ".rd7" else 16, notes)
 
 
-def read_impulse(path: Path, limit: int, notes: list[str]) -> dict[str, Any]:
+def read_impulse(path: Path, limit: int, notes: Notes) -> Entries:
     """Read an IPRB; parameters, entries and errors are those of :func:`read_mala`."""
     return _read(path, limit, _IMPULSE, None, notes)
 
 
-def _read(
-    path: Path, limit: int, maker: _Maker, bits: float | None, notes: list[str]
-) -> dict[str, Any]:
+def _read(path: Path, limit: int, maker: _Maker, bits: float | None, notes: Notes) -> Entries:
     """Read a recording of so many bits a sample; None takes what the header states."""
     head = read_header(path, maker.header, ":", notes)
     samples = int(head.needed("SAMPLES", 2, MOST_SAMPLES))
@@ -118,7 +117,7 @@ def _read(
     }
 
 
-def _step(head: Header, maker: _Maker, notes: list[str]) -> tuple[str, float | None]:
+def _step(head: Header, maker: _Maker, notes: Notes) -> tuple[str, float | None]:
     """Return the entry of the trace spacing, and that, m; None where no wheel was used."""
     steps = {name: head.number(name, -1e4, 1e4) for name in maker.steps}
     name = next((name for name, step in steps.items() if step), maker.steps[-1])

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from flgpr.door import open_named
 from flgpr.json_text import parse_json
-from flgpr.types import FloatArray, IndexArray
+from flgpr.types import Entries, FloatArray, IndexArray, Notes
 from flgpr_exchange.gpr.parts import (
     INTERVALS,
     MOST_SAMPLES,
@@ -57,7 +57,7 @@ class _PointLayout(NamedTuple):
     columns: list[int]  # of easting, northing and elevation, in numbers of 8 bytes
 
 
-def read_ogpr(path: Path, limit: int, notes: list[str]) -> dict[str, Any]:
+def read_ogpr(path: Path, limit: int, notes: Notes) -> Entries:
     """Read an OpenGPR file.
 
     Parameters, entries and errors are those of :func:`flgpr_exchange.gpr.dt1.read_dt1`.
@@ -69,7 +69,7 @@ def read_ogpr(path: Path, limit: int, notes: list[str]) -> dict[str, Any]:
     slices = _number(main, "slicesCount", 1, 2**31, int)
     shape = (slices, channels, samples)
 
-    blocks: dict[str, dict[str, Any]] = {}
+    blocks: dict[str, Entries] = {}
     repeated: list[str] = []
     for block in descriptor.get("dataBlockDescriptors") or []:
         if isinstance(block, dict):
@@ -125,7 +125,7 @@ def read_ogpr(path: Path, limit: int, notes: list[str]) -> dict[str, Any]:
     }
 
 
-def _frequency_of(radar: dict[str, Any], notes: list[str]) -> float | None:
+def _frequency_of(radar: Entries, notes: Notes) -> float | None:
     """Return the antenna's nominal frequency, Hz, if it is stated; note entries that are not used.
 
     ``radar`` is the descriptor of the volume.
@@ -146,7 +146,7 @@ def _frequency_of(radar: dict[str, Any], notes: list[str]) -> float | None:
     return frequency
 
 
-def _descriptor_of(path: Path) -> dict[str, Any]:
+def _descriptor_of(path: Path) -> Entries:
     """Return the descriptor, JSON, behind the preamble."""
     raw = first_bytes(path, _PREAMBLE + _LARGEST_DESCRIPTOR)
     if not raw.startswith(b"ogpr\n"):
@@ -169,7 +169,7 @@ def _descriptor_of(path: Path) -> dict[str, Any]:
     return descriptor
 
 
-def _table(entries: dict[str, Any], name: str) -> dict[str, Any]:
+def _table(entries: Entries, name: str) -> Entries:
     """Return an entry that must be an object."""
     table = entries.get(name)
     if not isinstance(table, dict):
@@ -177,7 +177,7 @@ def _table(entries: dict[str, Any], name: str) -> dict[str, Any]:
     return table
 
 
-def _number(entries: dict[str, Any], name: str, low: float, high: float, kind: type = float) -> Any:
+def _number(entries: Entries, name: str, low: float, high: float, kind: type = float) -> Any:
     """Return an entry that must be a number of a kind, int or float, within bounds."""
     value: Any = entries.get(name)
     is_number = isinstance(value, int | kind) and not isinstance(value, bool)
@@ -188,7 +188,7 @@ def _number(entries: dict[str, Any], name: str, low: float, high: float, kind: t
     return kind(value)
 
 
-def _block(path: Path, block: dict[str, Any]) -> tuple[int, int]:
+def _block(path: Path, block: Entries) -> tuple[int, int]:
     """Return where a block begins and how many bytes it has; it must lie in the file."""
     size = path.stat().st_size
     offset = _number(block, "byteOffset", 0, 2**62, int)
@@ -202,7 +202,7 @@ def _block(path: Path, block: dict[str, Any]) -> tuple[int, int]:
 
 
 def _radar_volume(
-    path: Path, block: dict[str, Any], shape: _Shape, limit: int, notes: list[str]
+    path: Path, block: Entries, shape: _Shape, limit: int, notes: Notes
 ) -> NDArray[np.floating[Any]]:
     """Read the traces (slice, channel, sample)."""
     offset, length = _block(path, block)
@@ -229,7 +229,7 @@ def _radar_volume(
 
 
 def _geolocations(
-    path: Path, block: dict[str, Any] | None, shape: _Shape, notes: list[str]
+    path: Path, block: Entries | None, shape: _Shape, notes: Notes
 ) -> tuple[FloatArray | None, Fixes]:
     """Return the positions (trace, 3) of the first channel, m, and its fixes.
 
@@ -283,9 +283,7 @@ def _point_layout(length: int, shape: _Shape) -> _PointLayout | None:
     return None
 
 
-def _fixes(
-    positions: FloatArray, known: IndexArray, block: dict[str, Any], notes: list[str]
-) -> Fixes:
+def _fixes(positions: FloatArray, known: IndexArray, block: Entries, notes: Notes) -> Fixes:
     """Return the fixes of the traces whose positions (trace, 3) are ``known``.
 
     There are none if their reference system is not known.

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from flgpr.door import Folder, open_named, refuse_linked_companion
 from flgpr.store.text import decode_text
-from flgpr.types import AnyArray, ArrayLike, BoolArray, FloatArray, floats
+from flgpr.types import AnyArray, ArrayLike, BoolArray, Entries, FloatArray, Notes, floats
 
 NANOSECOND = 1e-9
 FOOT = 0.3048
@@ -145,12 +145,12 @@ def words_type(words: Mapping[str, tuple[Any, int]], size: int, order: str) -> n
     return np.dtype(fields)
 
 
-def header_words(raw: bytes, words: Mapping[str, tuple[str, int]], order: str) -> dict[str, Any]:
+def header_words(raw: bytes, words: Mapping[str, tuple[str, int]], order: str) -> Entries:
     """Return the words of a binary header by their names, see :func:`words_type`."""
     return dict(zip(words, np.frombuffer(raw, words_type(words, len(raw), order))[0].item()))
 
 
-def note_count(notes: list[str], found: ArrayLike, text: str) -> int:
+def note_count(notes: Notes, found: ArrayLike, text: str) -> int:
     """Add a note that begins with a count, unless that is zero.
 
     Parameters
@@ -235,7 +235,7 @@ def find_companion(path: Path, suffix: str) -> Path | None:
     return None
 
 
-def read_header(path: Path, suffix: str, mark: str, notes: list[str]) -> Header:
+def read_header(path: Path, suffix: str, mark: str, notes: Notes) -> Header:
     """Read the text header beside a recording.
 
     Parameters
@@ -272,7 +272,7 @@ def read_header(path: Path, suffix: str, mark: str, notes: list[str]) -> Header:
     return Header(companion, values)
 
 
-def read_companion(path: Path, notes: list[str]) -> str:
+def read_companion(path: Path, notes: Notes) -> str:
     """Read a text file that lies beside a recording, in an encoding of :mod:`flgpr.store.text`.
 
     Parameters
@@ -320,7 +320,7 @@ def read_records(
     start: int,
     kind: np.dtype[Any],
     stated: float | None,
-    notes: list[str],
+    notes: Notes,
     limit: int,
     end: int = 0,
 ) -> AnyArray:
@@ -376,7 +376,7 @@ def read_records(
     return np.fromfile(path, dtype=kind, count=count, offset=start)
 
 
-def exact_floats(samples: AnyArray, notes: list[str]) -> NDArray[np.floating[Any]]:
+def exact_floats(samples: AnyArray, notes: Notes) -> NDArray[np.floating[Any]]:
     """Return samples as floating point in which every count is exact.
 
     Parameters
@@ -418,7 +418,7 @@ def float64(values: AnyArray) -> FloatArray:
         return values.astype(np.float64)
 
 
-def equal_steps(count: int, step: float | None, where: str, notes: list[str]) -> FloatArray | None:
+def equal_steps(count: int, step: float | None, where: str, notes: Notes) -> FloatArray | None:
     """Return distances (trace,) in equal steps, m, as a header states them; None without any.
 
     Parameters
@@ -445,7 +445,7 @@ def equal_steps(count: int, step: float | None, where: str, notes: list[str]) ->
 
 
 def measured_distance(
-    distance: FloatArray, step: float | None, where: str, nominal: str, notes: list[str]
+    distance: FloatArray, step: float | None, where: str, nominal: str, notes: Notes
 ) -> FloatArray | None:
     """Return the traces' distances along the line as they were measured.
 
@@ -501,7 +501,7 @@ def measured_distance(
     return floats(filled)
 
 
-def way_along(positions: FloatArray, what: str, notes: list[str]) -> FloatArray | None:
+def way_along(positions: FloatArray, what: str, notes: Notes) -> FloatArray | None:
     """Return the distance (trace,) along positions (trace, 2 or 3), m, by x and y.
 
     Parameters
@@ -544,7 +544,7 @@ def between_neighbours(values: FloatArray, usable: BoolArray) -> FloatArray:
     return np.stack(columns, axis=1)
 
 
-def gather_of_separations(apart: FloatArray, unit: str, notes: list[str]) -> str:
+def gather_of_separations(apart: FloatArray, unit: str, notes: Notes) -> str:
     """Return what to call a survey by the separations of its antennas.
 
     Antennas that only move apart, or only together, make a gather. Separations that change
@@ -577,7 +577,7 @@ def gather_of_separations(apart: FloatArray, unit: str, notes: list[str]) -> str
     return ""
 
 
-def measured_clock(time: FloatArray, notes: list[str]) -> FloatArray | None:
+def measured_clock(time: FloatArray, notes: Notes) -> FloatArray | None:
     """Return the traces' clock, if it never goes back; over midnight it goes on.
 
     Parameters
@@ -619,7 +619,7 @@ def measured_clock(time: FloatArray, notes: list[str]) -> FloatArray | None:
     return floats(rising)
 
 
-def interleaved_channels(traces: AnyArray, stated: int, entry: str, notes: list[str]) -> AnyArray:
+def interleaved_channels(traces: AnyArray, stated: int, entry: str, notes: Notes) -> AnyArray:
     """Return traces (scan, channel, sample) of a file whose header states several channels.
 
     Some recorders write the channels of a place one after the other, others a file for each. The
@@ -676,7 +676,7 @@ def _change_by_channel(traces: AnyArray, channels: int) -> bool:
     return not (is_smooth and is_alike)
 
 
-def channel_offsets(head: Header, channels: int, notes: list[str]) -> FloatArray | None:
+def channel_offsets(head: Header, channels: int, notes: Notes) -> FloatArray | None:
     """Return where the antennas of each channel are (channel, 2), m across and along.
 
     Parameters

@@ -13,8 +13,9 @@ from flgpr.model.bounds import LARGEST
 from flgpr.model.motion import Motion, judge_poses, some_steps
 from flgpr.model.plausible import MotionLimits
 from flgpr.model.track import course, make_track, poses_at
-from flgpr.types import BoolArray, FloatArray, IntArray
+from flgpr.types import BoolArray, FloatArray, IntArray, Notes
 from flgpr_exchange.gpr.parts import note_count
+
 _MOST_HEADINGS = 4000  # fixes of a course, whose computation takes the square of their number
 _LISTED = 3  # fixes that are named
 _EARTH = 6_371_000.0  # m, its mean radius
@@ -29,7 +30,7 @@ def trace_poses(
     height: float,
     anchor: Anchor | None,
     topography: bool,
-    notes: list[str],
+    notes: Notes,
 ) -> tuple[IntArray, FloatArray]:
     """Return the traces that have a pose, and their poses.
 
@@ -86,7 +87,7 @@ def trace_poses(
 
 
 def _poses_by_fixes(
-    section: GprSection, height: float, anchor: Anchor, topography: bool, notes: list[str]
+    section: GprSection, height: float, anchor: Anchor, topography: bool, notes: Notes
 ) -> tuple[IntArray, FloatArray]:
     """Return the traces between the receiver's first and last position, and their poses."""
     if len(section.fixes) < 2:
@@ -156,7 +157,7 @@ def options_that_place(section: GprSection, dashes: str = "") -> str:
 
 
 def _plausible_fixes(
-    section: GprSection, position: FloatArray, notes: list[str]
+    section: GprSection, position: FloatArray, notes: Notes
 ) -> tuple[FloatArray, FloatArray]:
     """Return traces and positions of the fixes (fix, 3) in the lane that a vehicle can reach.
 
@@ -247,7 +248,7 @@ def doubts_of_fixes(section: GprSection) -> list[str]:
     """
     if len(section.fixes) < 2:
         return []
-    notes: list[str] = []
+    notes: Notes = []
     trace, position = _plausible_fixes(section, _near_middle(section.fixes), notes)
     later = "an import with an anchor leaves out, which"
     lines = [note.replace("left out, which", later) for note in notes]

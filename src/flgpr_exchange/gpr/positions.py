@@ -24,7 +24,7 @@ from flgpr.formats.nmea import (
     position_of,
     sentences_of,
 )
-from flgpr.types import BoolArray, FloatArray
+from flgpr.types import BoolArray, FloatArray, Notes
 from flgpr_exchange.gpr.parts import (
     DAY,
     find_companion,
@@ -32,6 +32,7 @@ from flgpr_exchange.gpr.parts import (
     note_count,
     read_companion,
 )
+
 _CHANNEL_OF_NAME = re.compile(r"(.+)_[A-Za-z]?\d{1,3}")
 """A file of one channel of several, such as line_A03, whose positions may lie in line.cor."""
 _TRACE = re.compile(r"\s*Trace\s*#\s*(\d{1,9})", re.IGNORECASE)
@@ -65,7 +66,7 @@ class Fixes(NamedTuple):
 
 
 def nmea_fixes(
-    path: Path | None, count: int, notes: list[str], numbers: NDArray[np.integer] | None = None
+    path: Path | None, count: int, notes: Notes, numbers: NDArray[np.integer] | None = None
 ) -> Fixes:
     """Read the positions of a file of NMEA sentences beside a recording.
 
@@ -140,7 +141,7 @@ def nmea_fixes(
     return settle_fixes(fixes["GGA"] or fixes["RMC"], count, notes, name, numbers)
 
 
-def _companion_text(path: Path | None, notes: list[str]) -> str | None:
+def _companion_text(path: Path | None, notes: Notes) -> str | None:
     """Return the text of a file beside a recording; None if there is none or it is not a text."""
     if path is None:
         return None
@@ -151,7 +152,7 @@ def _companion_text(path: Path | None, notes: list[str]) -> str | None:
         return None
 
 
-def find_cor(path: Path, notes: list[str]) -> Path | None:
+def find_cor(path: Path, notes: Notes) -> Path | None:
     """Find the ``.cor`` beside a recording: of its own name, or common to all channels' files.
 
     Parameters
@@ -176,7 +177,7 @@ def find_cor(path: Path, notes: list[str]) -> Path | None:
     return common
 
 
-def cor_fixes(path: Path | None, count: int, notes: list[str]) -> Fixes:
+def cor_fixes(path: Path | None, count: int, notes: Notes) -> Fixes:
     """Read the positions of a ``.cor``.
 
     Its columns are trace (from 1), date, time, latitude, N or S, longitude, E or W, height. They
@@ -282,7 +283,7 @@ def _letter_in(cell: str, letters: str) -> str:
 def settle_fixes(
     fixes: Sequence[Fix],
     count: int,
-    notes: list[str],
+    notes: Notes,
     name: str,
     numbers: NDArray[np.integer] | None = None,
 ) -> Fixes:
@@ -331,7 +332,7 @@ def settle_fixes(
     return Fixes(table[:, :4], table[:, 4])
 
 
-def _on_earth(table: FloatArray, count: int, total: int, notes: list[str]) -> BoolArray:
+def _on_earth(table: FloatArray, count: int, total: int, notes: Notes) -> BoolArray:
     """Return which positions (fix, 5) lie on the Earth and on one of ``count`` traces.
 
     0 N 0 E is what recorders write without a position. ``total`` positions are in the file.
@@ -350,7 +351,7 @@ def _on_earth(table: FloatArray, count: int, total: int, notes: list[str]) -> Bo
 
 
 def _on_own_lines(
-    table: FloatArray, notes: list[str], name: str, numbers: NDArray[np.integer] | None
+    table: FloatArray, notes: Notes, name: str, numbers: NDArray[np.integer] | None
 ) -> FloatArray:
     """Return positions (fix, 5) of merged lines on their own traces.
 
@@ -391,7 +392,7 @@ def _on_own_lines(
     return settled
 
 
-def note_unread(path: Path, suffixes: Sequence[str], notes: list[str]) -> None:
+def note_unread(path: Path, suffixes: Sequence[str], notes: Notes) -> None:
     """Add notes of the files of the same name that lie beside a recording and are not read.
 
     Parameters

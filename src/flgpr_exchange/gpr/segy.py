@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from flgpr.types import AnyArray, Float32Array
+from flgpr.types import AnyArray, Entries, Float32Array, Notes
 from flgpr_exchange.gpr.parts import (
     FOOT,
     INTERVALS,
@@ -37,7 +36,7 @@ _MOST_CHANNELS = 256
 _DEAD = (2, 3)  # codes of traces that are no data: dead, dummy
 
 
-def read_segy(path: Path, limit: int, notes: list[str]) -> dict[str, Any]:
+def read_segy(path: Path, limit: int, notes: Notes) -> Entries:
     """Read a SEG-Y file.
 
     Parameters, entries and errors are those of :func:`flgpr_exchange.gpr.dt1.read_dt1`.
@@ -64,8 +63,8 @@ def read_segy(path: Path, limit: int, notes: list[str]) -> dict[str, Any]:
 
 
 def _entries(
-    table: AnyArray, is_ibm: bool, stated: int, interval: float, metre: float, notes: list[str]
-) -> dict[str, Any]:
+    table: AnyArray, is_ibm: bool, stated: int, interval: float, metre: float, notes: Notes
+) -> Entries:
     """Return the entries of a section of traces at an interval, s.
 
     ``stated`` are the traces of an ensemble by the binary header, ``metre`` the unit of lengths.
@@ -103,7 +102,7 @@ def _channels_of(table: AnyArray) -> int:
     return count if is_one_record and (channel == expected).all() else 0
 
 
-def _check_trace_headers(table: AnyArray, samples: int, interval: float, notes: list[str]) -> None:
+def _check_trace_headers(table: AnyArray, samples: int, interval: float, notes: Notes) -> None:
     """Add notes of what the trace headers state otherwise, and of what of it is not applied.
 
     ``interval`` is in s.
@@ -153,7 +152,7 @@ def _ibm(ibm_words: AnyArray) -> Float32Array:
         return np.where(word >> 31, -size, size).astype(np.float32)
 
 
-def read_su(path: Path, limit: int, notes: list[str]) -> dict[str, Any]:
+def read_su(path: Path, limit: int, notes: Notes) -> Entries:
     """Read a file of Seismic Unix.
 
     It has the traces of SEG-Y revision 0 without its headers, IEEE floats of 32 bits. Samples and

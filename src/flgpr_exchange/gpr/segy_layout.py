@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from flgpr.types import Entries, Notes
 from flgpr_exchange.gpr.parts import (
     INTERVALS,
     MOST_SAMPLES,
@@ -93,7 +94,7 @@ class SegyHead(NamedTuple):
     """What the headers of a file state."""
 
     order: str  #: of bytes, "<" or ">"
-    words: dict[str, Any]  #: of the binary header and of the first trace header
+    words: Entries  #: of the binary header and of the first trace header
     major: int  #: number of the revision
     minor: int
 
@@ -107,7 +108,7 @@ class TraceLayout(NamedTuple):
     end: int = 0  #: bytes behind the last trace
 
 
-def read_head(path: Path, notes: list[str]) -> SegyHead:
+def read_head(path: Path, notes: Notes) -> SegyHead:
     """Read the headers of a file.
 
     Parameters
@@ -156,7 +157,7 @@ def read_head(path: Path, notes: list[str]) -> SegyHead:
     return SegyHead(order, words, major, minor)
 
 
-def layout_of(path: Path, head: SegyHead, notes: list[str]) -> TraceLayout:
+def layout_of(path: Path, head: SegyHead, notes: Notes) -> TraceLayout:
     """Return where the traces lie.
 
     Of all layouts that the headers allow, it is the one that the file bears out best.
@@ -221,8 +222,7 @@ def layout_of(path: Path, head: SegyHead, notes: list[str]) -> TraceLayout:
         notes.append(f"every trace has {extra} extra headers, which are passed over")
     elif extra_headers[0]:
         notes.append(
-            f"it tells {extra_headers[0]} extra headers of every trace; "
-            "the file's size shows none"
+            f"it tells {extra_headers[0]} extra headers of every trace; the file's size shows none"
         )
     if best.samples != stated:
         notes.append(f"the number of samples, {best.samples}, is that of the trace headers")
@@ -263,7 +263,7 @@ def _agreement(path: Path, layout: TraceLayout, head: SegyHead) -> int:
     return agreement
 
 
-def interval_of(head: SegyHead, notes: list[str]) -> float:
+def interval_of(head: SegyHead, notes: Notes) -> float:
     """Return the sample interval, s.
 
     It is that of the binary header, of revision 2's long word, or of the first trace header.

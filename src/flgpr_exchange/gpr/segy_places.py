@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flgpr.types import AnyArray, FloatArray, floats
+from flgpr.types import AnyArray, FloatArray, Notes, floats
 from flgpr_exchange.gpr.parts import (
     between_neighbours,
     float64,
@@ -40,7 +40,7 @@ class HeaderGeometry(NamedTuple):
     gather: str = ""  # what a survey is whose antennas move apart
 
 
-def geometry_of(table: AnyArray, metre: float, notes: list[str]) -> HeaderGeometry:
+def geometry_of(table: AnyArray, metre: float, notes: Notes) -> HeaderGeometry:
     """Return where the traces are, and how far apart their antennas.
 
     Parameters
@@ -70,7 +70,7 @@ def geometry_of(table: AnyArray, metre: float, notes: list[str]) -> HeaderGeomet
     return placed._replace(gather=gather_of_separations(separations, " m", notes))
 
 
-def _stated_offset(table: AnyArray, metre: float, notes: list[str]) -> float | None:
+def _stated_offset(table: AnyArray, metre: float, notes: Notes) -> float | None:
     """Return the distance from source to receiver, m, where it is the same in all traces.
 
     By the standard it is in the unit of lengths; radars write it scaled as the coordinates are, or
@@ -100,7 +100,7 @@ def _stated_offset(table: AnyArray, metre: float, notes: list[str]) -> float | N
     return None
 
 
-def _line_geometry(table: AnyArray, metre: float, notes: list[str]) -> HeaderGeometry:
+def _line_geometry(table: AnyArray, metre: float, notes: Notes) -> HeaderGeometry:
     """Return distance along the line, or fixes, and the antennas' separation, if stated."""
     coordinates: dict[str, FloatArray] = {}  # (trace, 2) that change along the line
     for name, description in _COORDINATES.items():
@@ -148,7 +148,7 @@ def _scale_of(table: AnyArray) -> FloatArray:
     return np.where(scalar < 0, 1 / np.maximum(-scalar, 1), np.maximum(scalar, 1))
 
 
-def _coordinates(table: AnyArray, name: str, notes: list[str] | None = None) -> FloatArray:
+def _coordinates(table: AnyArray, name: str, notes: Notes | None = None) -> FloatArray:
     """Return coordinates (trace, 2) of the trace headers, by their scalar, in the headers' unit.
 
     Some programs write floats where the standard has whole numbers: those are told by what they
@@ -197,7 +197,7 @@ def _degrees(points: FloatArray, unit: int) -> FloatArray:
     return floats(np.sign(points) * (degrees + minutes / 60 + seconds / 3600))
 
 
-def _without_far_zeros(points: FloatArray, notes: list[str]) -> FloatArray:
+def _without_far_zeros(points: FloatArray, notes: Notes) -> FloatArray:
     """Return points (trace, 2) with those at 0, 0 put between their neighbours.
 
     They stay where the line is near 0, 0.
@@ -214,7 +214,7 @@ def _without_far_zeros(points: FloatArray, notes: list[str]) -> FloatArray:
     return between_neighbours(points, is_set)
 
 
-def _separation(coordinates: dict[str, FloatArray], metre: float, notes: list[str]) -> float | None:
+def _separation(coordinates: dict[str, FloatArray], metre: float, notes: Notes) -> float | None:
     """Return the distance of source and group, m, where it is the same in all traces."""
     if not {"source", "group"} <= set(coordinates):
         return None

@@ -15,7 +15,7 @@ from flgpr.formats.section import GprSection
 from flgpr.geo.anchor import Anchor
 from flgpr.model import LINE_STARTS
 from flgpr.store.tables import read_columns
-from flgpr.types import FloatArray, floats
+from flgpr.types import FloatArray, Notes, floats
 from flgpr_exchange.gpr.channels import channels_run, common_band
 from flgpr_exchange.gpr.line_run import ReasonedBand
 
@@ -269,7 +269,7 @@ def _place_lines(runs: Sequence[xr.Dataset], names: Sequence[str], layout: LineL
 
 def _place_by_ends(runs: Sequence[xr.Dataset], names: Sequence[str], ends: FloatArray) -> list[str]:
     """Move the poses of lines to their starts and ends (line, 4), m; return notes."""
-    notes: list[str] = []
+    notes: Notes = []
     for run, name, (x0, y0, x1, y1) in zip(runs, names, ends, strict=True):
         length = math.hypot(x1 - x0, y1 - y0)
         measured = float(np.ptp(run["pose"].values[:, 1]))

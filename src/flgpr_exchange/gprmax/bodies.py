@@ -10,7 +10,7 @@ import numpy as np
 
 from flgpr.simulate.bodies.signature import Body
 from flgpr.simulate.scene.scene import Target
-from flgpr.types import ArrayLike
+from flgpr.types import ArrayLike, Notes
 from flgpr_exchange.gprmax.grid import CellGrid, numbers
 
 Medium = float | Literal["metal"]
@@ -36,7 +36,7 @@ class Materials:
 
 
 def body_lines(
-    body: Body, target: Target, grid: CellGrid, materials: Materials, omissions: list[str]
+    body: Body, target: Target, grid: CellGrid, materials: Materials, omissions: Notes
 ) -> list[str]:
     """Return the lines of a body in the ground, layer by layer.
 

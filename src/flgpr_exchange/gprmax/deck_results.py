@@ -12,7 +12,7 @@ import numpy as np
 
 from flgpr.door import MOST_CHECKED, MOST_JSON, Folder
 from flgpr.json_text import canonical_json, parse_json
-from flgpr.types import Complex128Array, ComplexArray
+from flgpr.types import Complex128Array, ComplexArray, Entries
 from flgpr_exchange.gprmax.output import GprmaxOutput, read_gprmax
 
 FORMAT = "flgpr-gprmax-1"
@@ -39,7 +39,7 @@ def deck_texts() -> dict[str, str]:
     return tomllib.loads(packaged.read_text(encoding="utf-8"))
 
 
-def read_manifest_of_decks(folder: str | Path) -> dict[str, Any]:
+def read_manifest_of_decks(folder: str | Path) -> Entries:
     """Read the manifest of a folder of gprMax decks.
 
     Parameters
@@ -64,7 +64,7 @@ def read_manifest_of_decks(folder: str | Path) -> dict[str, Any]:
         raise FileNotFoundError(f"folder of gprMax results not found: {folder}")
     path = folder / MANIFEST
     try:
-        manifest: dict[str, Any] = parse_json(Folder(folder).read(MANIFEST, MOST_JSON))
+        manifest: Entries = parse_json(Folder(folder).read(MANIFEST, MOST_JSON))
         if manifest["format"] != FORMAT:
             raise ValueError(f"format must be {FORMAT}, got {manifest['format']!r}")
         missing = [name for name in _NEEDED if name not in manifest]

@@ -9,7 +9,6 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from flgpr.model import SPEED_OF_LIGHT, Sensor, pose_matrix, vehicle_to_lane
 from flgpr.simulate.ground.subsurface import buried_clutter
 from flgpr.simulate.scene.scene import Scene
 from flgpr.simulate.scene.world import World, draw_track, draw_world
-from flgpr.types import AnyArray, FloatArray
+from flgpr.types import AnyArray, Entries, FloatArray, Notes
 from flgpr_exchange.gprmax.deck_results import FORMAT
 from flgpr_exchange.gprmax.grid import CellGrid, GridPoint, fit_relaxation, numbers
 from flgpr_exchange.gprmax.scene import densest_body, scene_text
@@ -34,9 +33,9 @@ class Decks:
 
     files: dict[str, str] = field(default_factory=dict)  #: name and text of every file
     #: what the reader needs to put the results together, as JSON values
-    manifest: dict[str, Any] = field(default_factory=dict)
+    manifest: Entries = field(default_factory=dict)
     #: what of scene and sensor is not in the files, in words
-    omissions: list[str] = field(default_factory=list)
+    omissions: Notes = field(default_factory=list)
     summary: list[str] = field(default_factory=list)  #: size and cost, in words
 
 
@@ -109,7 +108,7 @@ def make_decks(
     highest_centre = wavelength / index / cell * float(tones[-1]) / (3 * 3.85)
     centre = min(band_centre, highest_centre)
     window = time_window or _time_window(grid, antennas, slowest, centre)
-    omissions: list[str] = []
+    omissions: Notes = []
     decks.files[SCENE_FILE], surface = scene_text(scene, world, grid, soils, seed, omissions)
     decks.omissions = _left_out(scene, world, sensor) + omissions
     runs = _runs(decks, scene, sensor, poses, antennas, grid, centre, window)
@@ -230,12 +229,12 @@ def _runs(
     grid: CellGrid,
     centre: float,
     window: float,
-) -> list[dict[str, Any]]:
+) -> list[Entries]:
     """Write the input file of every scan, transmitter and polarization, and return their list.
 
     Those of air alone that they need are written too, equal ones once.
     """
-    runs: list[dict[str, Any]] = []
+    runs: list[Entries] = []
     air_files: dict[str, str] = {}
     first, second = sensor.pair_indices()
     upright = np.array([0.0, math.sin(sensor.tilt), math.cos(sensor.tilt)])

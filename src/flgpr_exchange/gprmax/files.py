@@ -6,13 +6,12 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from flgpr.model import make_run
-from flgpr.types import Complex128Array, ComplexArray, FloatArray
+from flgpr.types import Complex128Array, ComplexArray, Entries, FloatArray
 from flgpr_exchange.gprmax.output import GprmaxOutput, fourier_integral, read_gprmax
 
 
@@ -111,7 +110,7 @@ def import_gprmax_files(paths: Sequence[str | Path], setup: GprmaxSetup) -> xr.D
         )
 
     rx = np.array(first_offsets)
-    attrs: dict[str, Any] = {
+    attrs: Entries = {
         "source": "gprMax",
         "title": first.title if first else "",
         "direct_wave": "kept",

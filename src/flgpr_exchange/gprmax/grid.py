@@ -16,6 +16,7 @@ from flgpr.types import ArrayLike, BoolArray, Complex128Array, FloatArray, float
 _TOLERANCE_REAL = 0.002
 _TOLERANCE_LOSS = 0.03
 
+
 def numbers(*values: float) -> str:
     """Return numbers as the input files write them."""
     return " ".join(f"{value:.9g}" for value in values)
@@ -138,7 +139,6 @@ def rectangles(mask: BoolArray) -> list[tuple[int, int, int, int]]:
         for run in sorted(runs):
             open_runs.setdefault(run, i)
     return covered
-
 
 
 class RelaxingMedium(NamedTuple):

@@ -13,7 +13,7 @@ from flgpr.simulate.bodies.signature.table import find_body
 from flgpr.simulate.ground.roughness import surface_heights
 from flgpr.simulate.scene.scene import Scene, SceneObject, Target
 from flgpr.simulate.scene.world import World
-from flgpr.types import AnyArray
+from flgpr.types import AnyArray, Notes
 from flgpr_exchange.gprmax.bodies import (
     Materials,
     Medium,
@@ -45,7 +45,7 @@ def scene_text(
     grid: CellGrid,
     soils: list[RelaxingMedium],
     seed: int,
-    omissions: list[str],
+    omissions: Notes,
 ) -> tuple[str, dict[str, float]]:
     """Return everything that does not change from run to run: soil, surface, objects, targets.
 
@@ -151,7 +151,7 @@ def _box(i0: int, i1: int, j0: int, j1: int, k0: int, k1: int, cell: float, mate
 
 
 def _objects(
-    objects: tuple[SceneObject, ...], grid: CellGrid, rms_height: float, omissions: list[str]
+    objects: tuple[SceneObject, ...], grid: CellGrid, rms_height: float, omissions: Notes
 ) -> list[str]:
     """Return the lines of rocks and posts; all else joins the omissions."""
     lines = []
@@ -179,7 +179,7 @@ def _objects(
 
 
 def _generic_mine(
-    target: Target, grid: CellGrid, materials: Materials, omissions: list[str]
+    target: Target, grid: CellGrid, materials: Materials, omissions: Notes
 ) -> list[str]:
     """Return the lines of a generic mine, a body of revolution about its leaning axis.
 

@@ -22,7 +22,7 @@ from flgpr.store.extras import optional
 from flgpr.store.files import write_whole
 from flgpr.store.outputs import atomic_output
 from flgpr.store.tables import json_value
-from flgpr.types import FloatArray
+from flgpr.types import Entries, FloatArray
 from flgpr_exchange.documents import document
 
 _KEYS = {"alarms": "alarm_id", "truth": "target_id", "objects": "object_id"}
@@ -74,7 +74,7 @@ def write_gpx(points: pd.DataFrame, path: str | Path) -> None:
     )
 
 
-def _marks(points: pd.DataFrame) -> list[dict[str, Any]]:
+def _marks(points: pd.DataFrame) -> list[Entries]:
     """Return points with their names, and with their values as JSON has them."""
     marks = []
     for number, row in enumerate(points.to_dict("records")):

@@ -23,7 +23,7 @@ from flgpr.door import MOST_JSON, Folder, read_named
 from flgpr.formats.array_file import ArrayFile, ArrayInfo
 from flgpr.formats.reader import Reader
 from flgpr.json_text import MOST_VALUES, parse_json
-from flgpr.types import AnyArray, Arrays, FloatArray
+from flgpr.types import AnyArray, Arrays, Entries, FloatArray, Notes
 
 VERSION = "1.2.5"
 """Version of the specification that is written."""
@@ -139,7 +139,7 @@ class SigmfRecording:
         If one of the files is missing.
     """
 
-    def __init__(self, path: Path, limit: int, notes: list[str]) -> None:
+    def __init__(self, path: Path, limit: int, notes: Notes) -> None:
         self._limit = limit
         self._notes = notes
         self._folder = Folder(path.parent)
@@ -433,14 +433,14 @@ def _refuse_constant(name: str) -> None:
     raise ValueError(f"metadata must be JSON, which has no {name}")
 
 
-def _object(value: Any, name: str) -> dict[str, Any]:
+def _object(value: Any, name: str) -> Entries:
     """Return an object of the metadata; anything else is a ValueError."""
     if not isinstance(value, dict):
         raise ValueError(f"{name} must be an object, got {value!r:.100}")
     return value
 
 
-def _objects(value: Any, name: str) -> list[dict[str, Any]]:
+def _objects(value: Any, name: str) -> list[Entries]:
     """Return a list of objects of the metadata; anything else is a ValueError."""
     if not isinstance(value, list):
         raise ValueError(f"{name} must be a list of objects, got {value!r:.100}")
@@ -552,7 +552,7 @@ class SigmfReader(Reader):
 
     def open_arrays(self, path: Path, limit: int) -> ArrayFile:
         """Open samples, sweeps and the numbers of the metadata."""
-        notes: list[str] = []
+        notes: Notes = []
         recording = SigmfRecording(path, limit, notes)
         arrays = {array.name: array for array in recording.arrays}
         about = recording.lines

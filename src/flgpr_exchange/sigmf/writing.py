@@ -20,6 +20,7 @@ from flgpr.model.printable import printable
 from flgpr.store.notes import log_note
 from flgpr.store.outputs import atomic_output
 from flgpr.toml_text import toml_value
+from flgpr.types import Entries
 from flgpr_exchange.sigmf.reading import DATA, META, NAMESPACE, VERSION
 
 if TYPE_CHECKING:
@@ -132,7 +133,7 @@ def write_sigmf(
     return folder
 
 
-def _metadata(run: xr.Dataset, captures: list[dict[str, Any]], digest: str) -> bytes:
+def _metadata(run: xr.Dataset, captures: list[Entries], digest: str) -> bytes:
     """Return the file of the metadata, JSON without blanks: a capture takes up to 400 bytes."""
     content = {"global": _global(run, digest), "captures": captures, "annotations": []}
     text = json.dumps(content, allow_nan=False, separators=(",", ":"))
@@ -160,9 +161,9 @@ def _rounded(count: float) -> int:
     return int(count) // 10**digits * 10**digits
 
 
-def _global(run: xr.Dataset, digest: str) -> dict[str, Any]:
+def _global(run: xr.Dataset, digest: str) -> Entries:
     """Return what the metadata state of the whole recording."""
-    entries: dict[str, Any] = {
+    entries: Entries = {
         "core:datatype": "cf32_le",
         "core:version": VERSION,
         "core:num_channels": run.sizes["polarization"] * run.sizes["pair"],
@@ -181,9 +182,7 @@ def _global(run: xr.Dataset, digest: str) -> dict[str, Any]:
     return entries
 
 
-def _captures(
-    run: xr.Dataset, anchor: Anchor | None, time: datetime | None
-) -> list[dict[str, Any]]:
+def _captures(run: xr.Dataset, anchor: Anchor | None, time: datetime | None) -> list[Entries]:
     """Return what the metadata state of every scan."""
     frequency = run["frequency"].values
     center = float(frequency[0] + frequency[-1]) / 2
@@ -192,7 +191,7 @@ def _captures(
     places = None if anchor is None else anchor.to_geodetic(poses[:, :3]).tolist()
     captures = []
     for scan, pose in enumerate(poses.tolist()):
-        capture: dict[str, Any] = {
+        capture: Entries = {
             "core:sample_start": scan * frequency.size,
             "core:frequency": center,
         }
