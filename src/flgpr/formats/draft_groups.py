@@ -123,11 +123,11 @@ def group_files(files: list[Path], limit: int) -> list[FileGroup]:
     ValueError
         If a file cannot be read, or the files of a group hold different arrays.
     """
-    by_name: dict[tuple[str, str], list[Path]] = {}
+    by_name: dict[tuple[Path, str], list[Path]] = {}
     for path in files:
-        pattern = re.sub(r"\d+", "*", path.name)
-        by_name.setdefault((str(path.parent), pattern), []).append(path)
+        by_name.setdefault((path.parent, re.sub(r"\d+", "*", path.name)), []).append(path)
     groups: list[FileGroup] = []
+    taken = {"data"}
     for paths in by_name.values():
         paths.sort(key=natural_order)
         first, *others = paths
@@ -144,15 +144,11 @@ def group_files(files: list[Path], limit: int) -> list[FileGroup]:
         if first.suffix.lower() in TABLES:
             with suppress(ValueError):  # a take or a log may end so, too
                 texts = text_columns(first)
-        key = _key(first, {group.key for group in groups})
+        # A name that TOML takes without quotes.
+        key = re.sub(r"\W+", "_", re.sub(r"\d+", "", first.stem), flags=re.ASCII).strip("_")
+        key = key or "file"
+        while key in taken:
+            key += "_"
+        taken.add(key)
         groups.append(FileGroup(key, paths, opened, texts))
     return groups
-
-
-def _key(path: Path, taken: set[str]) -> str:
-    """Return a name for a file that TOML takes without quotes."""
-    stem = re.sub(r"\d+", "", path.stem)
-    key = re.sub(r"\W+", "_", stem, flags=re.ASCII).strip("_") or "file"
-    while key in taken or key == "data":
-        key += "_"
-    return key

@@ -54,7 +54,7 @@ class Places:
         Beside the signal, x and y are in the lane and stand for longitude and latitude. Those of a
         table of fixes may be in any frame.
         """
-        forms = _FORMS[:1] + _FORMS[:0:-1] if self.is_table else _FORMS
+        forms = (_FORMS[0], _FORMS[2], _FORMS[1]) if self.is_table else _FORMS
         return next((form for form in forms if self.holds(*form)), ())
 
     @property

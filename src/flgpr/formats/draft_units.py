@@ -68,13 +68,8 @@ def unit_suffix(info: ArrayInfo) -> str:
     """Return the unit that ends an array's name, such as ns of t_ns; empty if there is none."""
     name = info.name.lower()
     last = re.split(r"[_\W]", name)[-1]
-    if last == name:
-        return ""
-    for units in UNITS.values():
-        for unit in units:
-            if unit.lower() == last and unit not in _NO_SUFFIX:
-                return unit
-    return ""
+    units = (unit for units in UNITS.values() for unit in units if unit.lower() == last)
+    return next((unit for unit in units if last != name and unit not in _NO_SUFFIX), "")
 
 
 def unit_of(opened: ArrayFile, info: ArrayInfo, usual: str) -> str:
@@ -98,21 +93,14 @@ def unit_of(opened: ArrayFile, info: ArrayInfo, usual: str) -> str:
     kind = next(units for units in UNITS.values() if usual in units)
     stated = info.unit
     if len(stated) > 2:
-        word = stated.strip().lower().rstrip("s")
-        stated = _LONG_UNITS.get(word, stated)
-    if stated in kind:
-        return stated
-    suffix = unit_suffix(info)
-    if suffix in kind:
-        return suffix
-    if usual == "Hz":
-        top = largest(opened, info)
-        if top >= 1e6:
-            return "Hz?"
+        stated = _LONG_UNITS.get(stated.strip().lower().rstrip("s"), stated)
+    for unit in (stated, unit_suffix(info)):
+        if unit in kind:
+            return unit
+    top = largest(opened, info) if usual in ("Hz", "ns") else 0.0
+    if usual == "Hz" and top < 1e6:
         return "MHz?" if top >= 100 else "GHz?"
-    if usual == "ns" and 0 < largest(opened, info) < SHORTEST_SCANS:
-        return "s?"
-    return f"{usual}?"
+    return "s?" if usual == "ns" and 0 < top < SHORTEST_SCANS else f"{usual}?"
 
 
 def is_fast_time(opened: ArrayFile, info: ArrayInfo) -> bool:

@@ -150,10 +150,7 @@ def read_survey(path: str | Path) -> FloatArray:
     """
     with faults_of(path):
         columns = read_text_table(existing(path))
-        if "left_x_m" in columns:
-            pose = _poses_by_marks(columns)
-        else:
-            pose = _stated_poses(columns)
+        pose = _poses_by_marks(columns) if "left_x_m" in columns else _stated_poses(columns)
         bad = ~np.isfinite(pose).all(axis=1)
         if bad.any():
             raise ValueError(f"poses must be finite, got other values for scan {int(bad.argmax())}")
