@@ -225,10 +225,13 @@ class _Reader:
         """Return the value of a field, or the list or array of its values."""
         if count == _VARIABLE:
             count = self.length()
-        if not isinstance(kind, _Struct) and kind != _TEXT:
+        read: Callable[[], Any]
+        if isinstance(kind, _Struct):
+            least, read = kind.least, partial(self.struct, kind)
+        elif kind == _TEXT:
+            least, read = _LENGTH_BYTES, self.text
+        else:
             return self.numbers(kind, 1)[0] if count is None else self.numbers(kind, count)
-        least = _LENGTH_BYTES if kind == _TEXT else kind.least
-        read = self.text if kind == _TEXT else partial(self.struct, kind)
         if count is None:
             return read()
         self.check(count * least)

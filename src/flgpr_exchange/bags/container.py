@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import struct
 import zlib
-from array import array
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -90,10 +89,7 @@ class McapContainer:
                 if kind == _MESSAGE_INDEX and damaged is not None and size <= self.limit:
                     self._count_lost(file.read(size), damaged)
                 elif kind == _CHUNK:
-                    data, starts, damaged = self._chunk(self._content(file, size))
-                    for start in starts:
-                        kind, begin, stop = _span_at(data, start)
-                        yield kind, data[begin:stop]
+                    damaged = yield from self._chunk(self._content(file, size))
                 elif kind in (SCHEMA, CHANNEL, MESSAGE):
                     yield kind, self._content(file, size)
                 else:
@@ -130,32 +126,36 @@ class McapContainer:
             )
         return file.read(size)
 
-    def _chunk(self, content: bytes) -> tuple[bytes, array[int], _DamagedChunk | None]:
-        """Return what a chunk holds, where its records start, and what is to be counted if damaged.
+    def _chunk(self, content: bytes) -> Generator[tuple[int, bytes], None, _DamagedChunk | None]:
+        """Yield the records of a chunk, and return what is to be counted if it is damaged.
 
-        A chunk that is not damaged has nothing to be counted: None.
+        Records behind one that goes beyond the end of the chunk are not looked for.
         """
         self.damage.chunks += 1
-        data = b""
-        starts = array("Q")
+        fault, data = "", b""
         try:
             data = self._unpacked(content)
-            starts, fault = _starts_in(data)
         except (MissingExtraError, TooLargeError):
             raise
         except Exception as error:  # whatever a library raises on what is damaged
             fault = " ".join(str(error).split())[:160] or type(error).__name__
+        read: Counter[int] = Counter()
+        stop = 0
+        while stop < len(data):
+            kind, begin = data[stop], stop + _RECORD_HEAD
+            stop = begin + int.from_bytes(data[stop + 1 : begin], "little")
+            if stop > len(data):
+                fault = "a record goes beyond the end of its chunk"
+            elif kind in (SCHEMA, CHANNEL, MESSAGE):
+                if kind == MESSAGE and stop - begin >= _CHANNEL_OF_MESSAGE.size:
+                    read[_CHANNEL_OF_MESSAGE.unpack_from(data, begin)[0]] += 1
+                yield kind, data[begin:stop]
         if not fault:
-            return data, starts, None
+            return None
         self.damage.reason = self.damage.reason or fault
         self.damage.damaged_chunks += 1
         self.damage.uncounted_chunks += 1  # until an index states them
-        read: Counter[int] = Counter()
-        for start in starts:
-            kind, begin, stop = _span_at(data, start)
-            if kind == MESSAGE and stop - begin >= _CHANNEL_OF_MESSAGE.size:
-                read[_CHANNEL_OF_MESSAGE.unpack_from(data, begin)[0]] += 1
-        return data, starts, _DamagedChunk(read)
+        return _DamagedChunk(read)
 
     def _count_lost(self, index: bytes, chunk: _DamagedChunk) -> None:
         """Count the messages of a damaged chunk that an index states, less those that were read."""
@@ -205,31 +205,6 @@ def _decompressed(chunk: Any, size: int) -> bytes:
     return bytes(stream.read(size + 1))
 
 
-def _starts_in(data: bytes) -> tuple[array[int], str]:
-    """Return where the records of a chunk start, and what is wrong with the first that does not fit.
-
-    Records behind one that goes beyond the end of the chunk are not looked for. A record may have
-    no content: of their starts, millions take little memory.
-    """
-    starts = array("Q")
-    position = 0
-    while position < len(data):
-        kind, _, stop = _span_at(data, position)
-        if stop > len(data):
-            return starts, "a record goes beyond the end of its chunk"
-        if kind in (SCHEMA, CHANNEL, MESSAGE):
-            starts.append(position)
-        position = stop
-    return starts, ""
-
-
-def _span_at(data: bytes, position: int) -> tuple[int, int, int]:
-    """Return kind, begin and end of the content of the record of a chunk at a position."""
-    begin = position + _RECORD_HEAD
-    stop = begin + int.from_bytes(data[position + 1 : begin], "little")
-    return data[position], begin, stop
-
-
 def _record_heads(file: BinaryIO, end: int) -> Iterator[tuple[int, int]]:
     """Yield the kinds and lengths of records up to one that is cut off.
 
@@ -251,8 +226,7 @@ def _summary_start(file: BinaryIO, end: int) -> int:
         return end
     file.seek(begin)
     footer = file.read(length)
-    body_size = int.from_bytes(footer[1:_RECORD_HEAD], "little")
-    if footer[0] != _FOOTER or body_size != _FOOTER_BODY.size:
+    if footer[:_RECORD_HEAD] != struct.pack("<BQ", _FOOTER, _FOOTER_BODY.size):
         return end
     start: int = _FOOTER_BODY.unpack_from(footer, _RECORD_HEAD)[0]
     return start if len(_MAGIC) <= start < begin else end

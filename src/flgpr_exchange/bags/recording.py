@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -419,66 +419,56 @@ def _from_json(data: bytes) -> Any:
     return parse_json(data, whole=float)
 
 
-def _flat(content: Any) -> Entries:
-    """Return the numbers and texts of a message by their path.
+def _flat(content: Any, path: str = "", budget: Budget | None = None) -> Entries:
+    """Return the numbers and texts of a message, or of a part at a path, by their path.
 
-    Lists of like messages become arrays of their fields. Paths that take more memory than a message
-    may are a ValueError: each repeats all names above it.
+    A stamp is a number of seconds; fields that all are numbers are a vector besides. Lists of like
+    messages become arrays of their fields. Paths that take more memory than a message may are a
+    ValueError: each repeats all names above it.
     """
-    fields: Entries = {}
-    _add_flat(fields, content, "", Budget("the fields of a message", MOST_MESSAGE))
-    return fields
-
-
-def _add_flat(fields: Entries, content: Any, path: str, budget: Budget) -> None:
-    """Add the numbers and texts of a part of a message to those of the message."""
+    budget = budget or Budget("the fields of a message", MOST_MESSAGE)
     if isinstance(content, dict):
-        _add_table(fields, content, path, budget)
-    elif isinstance(content, (list, tuple)):
-        _add_list(fields, content, path, budget)
-    elif isinstance(content, (int, float)) or content is None:
-        fields[path] = np.float64(np.nan if content is None else content)
-    else:
-        fields[path] = content
+        return _flat_table(content, path, budget)
+    if isinstance(content, (list, tuple)):
+        if content and all(isinstance(item, dict) for item in content):
+            return _flat_tables(content, path, budget)
+        with suppress(ValueError, TypeError):
+            return {path: np.array(content, dtype=np.float64)}
+        return {}
+    if isinstance(content, (int, float)) or content is None:
+        return {path: np.float64(np.nan if content is None else content)}
+    return {path: content}
 
 
-def _add_table(fields: Entries, content: Entries, path: str, budget: Budget) -> None:
-    """Add the fields of a message by their path.
-
-    A stamp is a number of seconds; fields that all are numbers are a vector besides.
-    """
+def _flat_table(content: Entries, path: str, budget: Budget) -> Entries:
+    """Return the fields of a part of a message by their path."""
     is_nested = any(isinstance(value, (dict, list, str)) for value in content.values())
     if set(content) in _STAMPS and not is_nested:
         stamp = dict(content)
         seconds = float(stamp.pop("sec"))
         (nanoseconds,) = stamp.values()  # "nanosec" of ROS 2, "nsec" of ROS 1
-        fields[path] = np.float64(seconds + 1e-9 * float(nanoseconds))
-        return
+        return {path: np.float64(seconds + 1e-9 * float(nanoseconds))}
     budget.spend(sum(VALUE + len(path) + len(name) for name in content))
+    fields: Entries = {}
     for name, value in content.items():
-        _add_flat(fields, value, f"{path}.{name}" if path else str(name), budget)
+        fields |= _flat(value, f"{path}.{name}" if path else str(name), budget)
     components = [fields.get(f"{path}.{name}") for name in content]
     all_numbers = all(isinstance(value, (np.number, np.bool_)) for value in components)
     if path and len(components) > 1 and all_numbers:
         fields[path] = np.array(components)
+    return fields
 
 
-def _add_list(
-    fields: Entries, content: list[Any] | tuple[Any, ...], path: str, budget: Budget
-) -> None:
-    """Add a list of numbers as an array, one of like messages as arrays of their fields."""
-    if not content or not all(isinstance(item, dict) for item in content):
-        with suppress(ValueError, TypeError):
-            fields[path] = np.array(content, dtype=np.float64)
-        return
-    rows: list[Entries] = [{} for _ in content]
-    for row, item in zip(rows, content, strict=True):
-        _add_flat(row, item, "", budget)
+def _flat_tables(content: Sequence[Entries], path: str, budget: Budget) -> Entries:
+    """Return like parts of a message as arrays of their fields."""
+    rows = [_flat_table(item, "", budget) for item in content]
+    fields: Entries = {}
     for name, first in rows[0].items():
         values: list[Any] = [row.get(name) for row in rows]
         if all(_fits(value, np.shape(first)) for value in values):
             budget.spend(VALUE + len(path) + len(name))
             fields[f"{path}.{name}"] = np.stack(values)
+    return fields
 
 
 class McapReader(Reader):

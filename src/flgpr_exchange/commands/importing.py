@@ -21,9 +21,8 @@ from flgpr.store import RunWriter, save_run, write_whole
 from flgpr.store.outputs import log_finished
 from flgpr.store.run_writer import RunExistsError
 from flgpr.types import Entries, Notes
-from flgpr_exchange.gpr.channels import channels_run
 from flgpr_exchange.gpr.files import read_gpr
-from flgpr_exchange.gpr.line_run import gpr_run
+from flgpr_exchange.gpr.line_run import channels_run, gpr_run
 from flgpr_exchange.gpr.survey import LineLayout, place_by_marks, read_line_ends, survey_run
 from flgpr_exchange.gprmax.deck_results import GprmaxRun
 

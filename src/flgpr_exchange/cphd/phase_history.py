@@ -387,7 +387,7 @@ def _notes(channels: dict[str, _Channel], sign: int) -> list[str]:
     if sign > 0:
         notes.append("the phases are conjugated: the file has the sign +1")
     total = sum(len(channel.vectors["TxTime"]) for channel in channels.values())
-    without_signal = scaled = delayed = 0
+    without_signal = scaled = delayed = np.intp(0)
     for channel in channels.values():
         vectors = channel.vectors
         without_signal += np.count_nonzero(vectors.get("SIGNAL", 1) != 1)

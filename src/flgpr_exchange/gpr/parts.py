@@ -147,7 +147,8 @@ def words_type(words: Mapping[str, tuple[Any, int]], size: int, order: str) -> n
 
 def header_words(raw: bytes, words: Mapping[str, tuple[str, int]], order: str) -> Entries:
     """Return the words of a binary header by their names, see :func:`words_type`."""
-    return dict(zip(words, np.frombuffer(raw, words_type(words, len(raw), order))[0].item()))
+    (values,) = np.frombuffer(raw, words_type(words, len(raw), order)).tolist()
+    return dict(zip(words, values, strict=True))
 
 
 def note_count(notes: Notes, found: ArrayLike, text: str) -> int:

@@ -16,8 +16,7 @@ from flgpr.geo.anchor import Anchor
 from flgpr.model import LINE_STARTS
 from flgpr.store.tables import read_columns
 from flgpr.types import FloatArray, Notes, floats
-from flgpr_exchange.gpr.channels import channels_run, common_band
-from flgpr_exchange.gpr.line_run import ReasonedBand
+from flgpr_exchange.gpr.line_run import ReasonedBand, channels_run, common_band
 
 _CLOSE = 0.02  # of a line's length, by which the distance of its ends may differ from it
 

@@ -355,5 +355,6 @@ def merged_fields(file: Any) -> dict[str, tuple[int, int]]:
         for name in _FIELDS:
             shape = getattr(group.get(name), "shape", ())
             if len(shape) == 2:
-                shapes[f"{group.name.lstrip('/')}/{name}"] = (int(shape[0]), int(shape[1]))
+                steps, traces = map(int, shape)
+                shapes[f"{group.name.lstrip('/')}/{name}"] = (steps, traces)
     return shapes
