@@ -23,6 +23,7 @@ from flgpr.archive import Archive, array_bytes, npy_header
 from flgpr.budget import Budget
 from flgpr.door import check_expansion, open_named
 from flgpr.formats.array_file import (
+    DAMAGED,
     LIMIT,
     NUMBERS_AND_TEXT,
     PAIRS,
@@ -84,13 +85,13 @@ def open_arrays(path: str | Path, limit: int = LIMIT) -> ArrayFile:
                 f"{path}: a file must hold at most {limit / 1e9:g} GB, got {size / 1e9:.3g} GB"
             )
     if reader is not None:
-        with faults_of_parser(path, reader.kind):
+        with faults_of_parser(path, f"a {reader.kind}: {DAMAGED}"):
             opened = reader.open_arrays(path, limit)
     else:
         kind, opener = ("HDF5 file", _open_hdf5) if is_hdf5 else _format_of(path)
         about: list[str] = []
         notes: Notes = []
-        with faults_of_parser(path, kind):
+        with faults_of_parser(path, f"a {kind}: {DAMAGED}"):
             infos, read = opener(path, limit, about, notes)
         opened = ArrayFile(path, kind, infos, read, limit, about, notes)
     if not opened.arrays and not opened.about:

@@ -28,6 +28,18 @@ from flgpr.types import Entries
 _CHECK = "What ends in a question mark is a guess: check it and take the mark away."
 _IN_LANE = "the vehicle in the lane frame; heading is clockwise from +y seen from above"
 _IN_VEHICLE = "in the vehicle frame: x right, y forward, z up"
+_ORIENTATION = "of x forward, y left, z up"
+_COMMENTS = {
+    "signal.magnitude": "dB (decibels) or linear",
+    "samples.meaning": "delay, range (one way) or path (there and back)",
+    "samples.band": "first and last frequency to keep",
+    "frequency.span": "first and last tone",
+    "time.span": "of the first and the last scan, on the clock of the fixes",
+    "track.clock_offset": "the track's clock less the radar's, s; flgpr.calibrate finds it",
+    "pose.orientation": _ORIENTATION,
+    "track.orientation": _ORIENTATION,
+}
+"""What stands beside an entry wherever a draft has it."""
 
 
 def draft_of_file(opened: ArrayFile) -> str:
@@ -59,7 +71,7 @@ class MappingDraft:
         self.roles = roles
         self.folder = folder
         self.tables: Entries = {}
-        self.comments: dict[str, str] = {}
+        self.comments = dict(_COMMENTS)
         self.named = {roles.data.key}  # groups of which the mapping names an array
 
     def text(self) -> str:
@@ -134,7 +146,6 @@ class MappingDraft:
         if field.phase:
             phase = {"phase": field.phase, "phase_unit": f"{field.unit}?"}
             entries |= {"magnitude": f"{field.form}?", **phase}
-            self.comments["signal.magnitude"] = "dB (decibels) or linear"
         self._add_table("signal", "", **entries, dims=dims)
         comment = f"of {' x '.join(map(str, roles.sizes))}"
         if roles.axis is None and not field.is_complex:
@@ -166,12 +177,9 @@ class MappingDraft:
             is_length = entries["unit"].rstrip("?") in UNITS["length"]
             entries["meaning"] = "range?" if is_length else "delay?"
             self._add_table("samples", "", **entries, band=[], band_unit="GHz")
-            self.comments["samples.meaning"] = "delay, range (one way) or path (there and back)"
-            self.comments["samples.band"] = "first and last frequency to keep"
         else:
             comment = "no array looks like the tones; variable = NAME does as well"
             self._add_table("frequency", comment, span=["?", "?"], unit="GHz")
-            self.comments["frequency.span"] = "first and last tone"
 
     def _add_antennas(self, dims: list[str]) -> None:
         """Add the tables of the antennas' positions."""
@@ -229,9 +237,10 @@ class MappingDraft:
             form = form or "position"
             entries = {"time": self._fix_time(places), form: InlineTable(file | position)}
             fixes = f"{places.count} fixes of {scans or 'an unknown number of'} scans"
-            offset = "the track's clock less the radar's, s; flgpr.calibrate finds it"
-            self.comments["track"] = f"{fixes}: a track on its own clock"
-            self.comments |= {f"track.{form}": comment, "track.clock_offset": offset}
+            self.comments |= {
+                "track": f"{fixes}: a track on its own clock",
+                f"track.{form}": comment,
+            }
         self.tables[table] = entries | self._attitude(places, table)
         if not is_pose:
             self.tables[table]["clock_offset"] = 0.0
@@ -240,14 +249,10 @@ class MappingDraft:
         """Return the entry of the times of fixes, and add the scans' times if they are missing."""
         roles = self.roles
         if roles.stamp is None:
-            comment = "the radar's time of every scan"
             stamp = roles.find_axis(TIME, roles.sizes)
-            if stamp is not None:
-                self._add_table("time", comment, **self._variable(stamp, "s"))
-            else:
-                self._add_table("time", comment, span=["?", "?"], unit="s")
-                span = "of the first and the last scan, on the clock of the fixes"
-                self.comments["time.span"] = span
+            unknown = {"span": ["?", "?"], "unit": "s"}
+            entries = unknown if stamp is None else self._variable(stamp, "s")
+            self._add_table("time", "the radar's time of every scan", **entries)
         if places.holds("time"):
             return InlineTable(self._variable(places.columns["time"], "s"))
         self.comments["track.time"] = "no column of times"
@@ -285,7 +290,6 @@ class MappingDraft:
             return {"angle_unit": "rad?"}
         if places.holds("orientation"):
             rotation = self._variable(columns["orientation"])
-            self.comments[f"{table}.orientation"] = "of x forward, y left, z up"
             return {"orientation": InlineTable(rotation, body=["-y?", "x?", "z?"])}
         entries = {name: _component(places, name) for name in ("heading", "pitch", "roll")}
         found = [columns[name] for name in entries if name in columns]

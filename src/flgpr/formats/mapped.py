@@ -519,24 +519,21 @@ def _complex(values: AnyArray) -> AnyArray:
             f"signal.interleaved asks for pairs of real numbers, got {values.dtype} {values.shape}"
         )
     # Counts of up to 16 bit are exact in single precision, which takes half the memory.
-    fits_single = values.dtype.itemsize <= 2 or values.dtype == np.float32
-    if fits_single:
-        single = np.ascontiguousarray(values.astype(np.float32))
-        return single.view(np.complex64)
-    double = np.ascontiguousarray(values.astype(np.float64))
-    return double.view(np.complex128)
+    if values.dtype.itemsize <= 2 or values.dtype == np.float32:
+        return np.ascontiguousarray(values, np.float32).view(np.complex64)
+    return np.ascontiguousarray(values, np.float64).view(np.complex128)
 
 
 def _of_polar(magnitude: AnyArray, phase: AnyArray, spec: Signal) -> AnyArray:
     """Return complex numbers of a magnitude, in dB or as it is, and a phase."""
     if np.iscomplexobj(magnitude) or np.iscomplexobj(phase):
         raise ValueError("signal.magnitude and signal.phase must hold real numbers")
-    size = magnitude.astype(np.float64)
+    size = floats(magnitude)
     if spec.magnitude == "dB":
         with np.errstate(over="ignore"):  # what is too large is refused with the signal
             size = 10.0 ** (size / 20)
     angle = np.radians(phase) if spec.phase_unit == "deg" else phase
-    return np.asarray(size * np.exp(1j * angle.astype(np.float64)), dtype=np.complex128)
+    return np.asarray(size * np.exp(1j * floats(angle)))
 
 
 def _of_parts(values: AnyArray, dims: list[str]) -> AnyArray:

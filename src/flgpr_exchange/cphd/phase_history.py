@@ -18,13 +18,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from flgpr.formats.array_file import faults_of_parser
 from flgpr.formats.reader import Explanation, Reader
 from flgpr.geo.anchor import Anchor
 from flgpr.json_text import parse_json
 from flgpr.model import SPEED_OF_LIGHT, Grid, check_run, make_run, vehicle_to_lane
 from flgpr.model.frames import rigid_array
 from flgpr.model.phase import lengthen
-from flgpr.store.extras import MissingExtraError, optional
+from flgpr.store.extras import optional
 from flgpr.store.files import existing
 from flgpr.store.outputs import atomic_output
 from flgpr.types import AnyArray, ComplexArray, FloatArray, floats
@@ -160,7 +161,7 @@ def read_cphd(path: str | Path, anchor: Anchor | None = None) -> xr.Dataset:
     """
     path = existing(path)
     sarkit = optional("sarkit.cphd", "cphd")
-    with _faults_of_cphd(path):
+    with faults_of_parser(path, "CPHD", (FileNotFoundError,)):
         with path.open("rb") as file, sarkit.Reader(file) as reader:
             head = _head_of(reader)
             _check_declared(head, path)
@@ -207,18 +208,6 @@ def _head_of(reader: Any) -> _Head:
         if str(parameter.get("name")).startswith("flgpr_"):
             added[parameter.get("name")] = parameter.text or ""
     return _Head(tree, channels, labels, added)
-
-
-@contextmanager
-def _faults_of_cphd(path: Path) -> Iterator[None]:
-    """Turn whatever sarkit raises on a damaged file into one ValueError that names the file."""
-    try:
-        yield
-    except (MissingExtraError, FileNotFoundError):
-        raise
-    except Exception as error:
-        message = " ".join(str(error).split())[:200] or type(error).__name__
-        raise ValueError(f"{path}: cannot be read as CPHD: {message}") from None
 
 
 @contextmanager
@@ -464,7 +453,7 @@ class CphdReader(Reader):
     def explain(self, path: Path, limit: int) -> Explanation:  # noqa: ARG002
         """Return channels, band and collector."""
         sarkit = optional("sarkit.cphd", "cphd")
-        with _faults_of_cphd(path):
+        with faults_of_parser(path, "CPHD", (FileNotFoundError,)):
             with path.open("rb") as file, sarkit.Reader(file) as reader:
                 head = _head_of(reader)
             vectors, samples = next(iter(head.channels.values()))

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from flgpr.formats.array_file import faults_of_parser
 from flgpr.formats.section import GprSection
 from flgpr.model.printable import printable
 from flgpr.store.files import existing
@@ -77,13 +78,8 @@ def read_gpr(path: str | Path, max_memory: int = MAX_MEMORY) -> GprSection:
         raise ValueError(f"{path}: the ending must be one of {', '.join(READERS)}, got {suffix!r}")
     format_name, reader = READERS[suffix]
     notes: Notes = []
-    try:
+    with faults_of_parser(path, format_name, (MissingHeaderError,)):
         entries = reader(path, max_memory, notes)
-    except MissingHeaderError:
-        raise
-    except Exception as error:
-        message = " ".join(str(error).split())[:240] or type(error).__name__
-        raise ValueError(f"{path}: cannot be read as {format_name}: {message}") from None
     if entries.get("gather"):
         notes.append(f"its antennas move apart ({entries['gather']}): it is no line of one offset")
     fixes: Fixes = entries.pop("fixes", Fixes())

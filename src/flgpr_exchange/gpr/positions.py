@@ -24,7 +24,7 @@ from flgpr.formats.nmea import (
     position_of,
     sentences_of,
 )
-from flgpr.types import BoolArray, FloatArray, Notes
+from flgpr.types import ArrayLike, BoolArray, FloatArray, Notes, floats
 from flgpr_exchange.gpr.parts import (
     DAY,
     find_companion,
@@ -46,14 +46,12 @@ _HEIGHT = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 _LARGEST_HEIGHT = 1e5  # m
 
 
-class Fix(NamedTuple):
-    """A position of a satellite receiver, as a file states it."""
+Fix = tuple[float, float, float, float, float]
+"""A position as a file states it.
 
-    trace: float  #: from 0
-    longitude: float  #: degrees, WGS 84
-    latitude: float
-    height: float  #: over the ellipsoid, m; NaN if the file states none
-    time: float = np.nan  #: s of the day; NaN if unknown
+Trace, from 0, longitude and latitude, degrees, WGS 84, height over the ellipsoid, m, and second of
+the day; the last two are NaN where the file states none.
+"""
 
 
 class Fixes(NamedTuple):
@@ -122,8 +120,7 @@ def nmea_fixes(
             continue
         # Over the ellipsoid if that is known.
         height = position.altitude + float(np.nan_to_num(position.separation))
-        fix = Fix(named, position.longitude, position.latitude, height, position.time)
-        fixes[sentence.kind].append(fix)
+        fixes[sentence.kind].append((named, *position[1:3], height, position.time))
 
     name = path.name
     if not total:
@@ -239,7 +236,7 @@ def _fix_of_row(cells: Sequence[str]) -> Fix | None:
         return None
     match = _HEIGHT.match(cells[position]) if position < len(cells) else None
     height = float(match[0]) if match else np.nan
-    return Fix(float(cells[0]) - 1, longitude, latitude, height, clock_time(cells[2]))
+    return float(cells[0]) - 1, longitude, latitude, height, clock_time(cells[2])
 
 
 def _angle_at(cells: Sequence[str], position: int, letters: str) -> tuple[float | None, int]:
@@ -281,7 +278,7 @@ def _letter_in(cell: str, letters: str) -> str:
 
 
 def settle_fixes(
-    fixes: Sequence[Fix],
+    fixes: ArrayLike,
     count: int,
     notes: Notes,
     name: str,
@@ -295,8 +292,8 @@ def settle_fixes(
 
     Parameters
     ----------
-    fixes : sequence of Fix
-        The positions in the order of the file.
+    fixes : (fix, 5) array_like
+        The positions in the order of the file, each a :data:`Fix`.
     count : int
         Traces of the recording.
     notes : list of str
@@ -311,9 +308,9 @@ def settle_fixes(
     Fixes
         The positions that are used.
     """
-    table = np.array(fixes, dtype=np.float64).reshape(-1, 5)
-    table = _on_own_lines(table, notes, name, numbers)
-    table = table[_on_earth(table, count, len(fixes), notes)]
+    stated = floats(fixes).reshape(-1, 5)
+    table = _on_own_lines(stated, notes, name, numbers)
+    table = table[_on_earth(table, count, len(stated), notes)]
     # Times of the day are counted on where they pass midnight.
     known = np.flatnonzero(np.isfinite(table[:, 4]))
     passes = np.append(0, np.diff(table[known, 4]) < -DAY / 2)

@@ -14,7 +14,7 @@ from flgpr_exchange.gpr.parts import (
     note_count,
     way_along,
 )
-from flgpr_exchange.gpr.positions import Fix, Fixes, settle_fixes
+from flgpr_exchange.gpr.positions import Fixes, settle_fixes
 
 _COORDINATES = {
     "source": "source coordinates (bytes 73-80)",
@@ -123,10 +123,9 @@ def _line_geometry(table: AnyArray, metre: float, notes: Notes) -> HeaderGeometr
     unit = int(units[0])
     if unit in _LARGEST_ANGLE:
         notes.append(f"the positions are the {_COORDINATES[name]} of the traces")
-        fixes = [
-            Fix(trace, longitude, latitude, np.nan)
-            for trace, (longitude, latitude) in enumerate(_degrees(points, unit).tolist())
-        ]
+        fixes = np.full((len(points), 5), np.nan)  # neither heights nor times are known
+        fixes[:, 0] = np.arange(len(points))
+        fixes[:, 1:3] = _degrees(points, unit)
         return HeaderGeometry(fixes=settle_fixes(fixes, len(points), notes, "the trace headers"))
     if unit != 1:
         notes.append(f"the unit of its coordinates is {unit}: they are taken as lengths")

@@ -247,48 +247,38 @@ def _without_clocks(runs: list[xr.Dataset]) -> list[str]:
 
 def _place_lines(runs: Sequence[xr.Dataset], names: Sequence[str], layout: LineLayout) -> list[str]:
     """Move the poses of lines, each along +y from the origin, to where they lie; return notes."""
-    if layout.ends is not None:
-        return _place_by_ends(runs, names, layout.ends)
     spacing = layout.spacing or 0.0
+    notes: Notes = []
     end = 0.0  # of the line before, m along y
-    for number, run in enumerate(runs):
-        if layout.zigzag and number % 2 == 1:
-            _move(run, number * spacing, end, math.pi)
-            end = 0.0
-        else:
-            end = float(np.ptp(run["pose"].values[:, 1]))
-            _move(run, number * spacing, 0.0, 0.0)
+    for number, (run, name) in enumerate(zip(runs, names, strict=True)):
+        pose = run["pose"].values
+        measured = float(np.ptp(pose[:, 1]))
+        x, y, heading = number * spacing, 0.0, 0.0
+        if layout.ends is not None:
+            x, y, x1, y1 = layout.ends[number]
+            length = math.hypot(x1 - x, y1 - y)
+            if length == 0:
+                raise ValueError(
+                    f"{name}: a line must end elsewhere than it begins, got ({x:g}, {y:g}) m twice"
+                )
+            if abs(length - measured) > _CLOSE * length:
+                notes.append(
+                    f"{name}: its ends lie {length:.4g} m apart, its own distance is "
+                    f"{measured:.4g} m, which is kept"
+                )
+            heading = math.atan2(x1 - x, y1 - y)
+        elif layout.zigzag and number % 2 == 1:
+            y, heading = end, math.pi
+        end = measured
+        along = pose[:, 1] - pose[0, 1]
+        pose[:, 0] = x + along * math.sin(heading)
+        pose[:, 1] = y + along * math.cos(heading)
+        pose[:, 3] = heading
+    if layout.ends is not None:
+        return notes
     if layout.spacing is None and len(runs) > 1:
         return [f"{len(runs)} lines are put side by side, by the offsets of their headers"]
     manner = "all begin at y = 0"
     if layout.zigzag:
         manner = "every other line runs back from where the one before ended"
     return [f"{len(runs)} lines are put {spacing:g} m apart along x as given; {manner}"]
-
-
-def _place_by_ends(runs: Sequence[xr.Dataset], names: Sequence[str], ends: FloatArray) -> list[str]:
-    """Move the poses of lines to their starts and ends (line, 4), m; return notes."""
-    notes: Notes = []
-    for run, name, (x0, y0, x1, y1) in zip(runs, names, ends, strict=True):
-        length = math.hypot(x1 - x0, y1 - y0)
-        measured = float(np.ptp(run["pose"].values[:, 1]))
-        if length == 0:
-            raise ValueError(
-                f"{name}: a line must end elsewhere than it begins, got ({x0:g}, {y0:g}) m twice"
-            )
-        if abs(length - measured) > _CLOSE * length:
-            notes.append(
-                f"{name}: its ends lie {length:.4g} m apart, its own distance is {measured:.4g} m, "
-                "which is kept"
-            )
-        _move(run, x0, y0, math.atan2(x1 - x0, y1 - y0))
-    return notes
-
-
-def _move(run: xr.Dataset, x: float, y: float, heading: float) -> None:
-    """Turn a line that runs along +y from the origin, and put its origin at (x, y)."""
-    pose = run["pose"].values
-    along = pose[:, 1] - pose[0, 1]
-    pose[:, 0] = x + along * math.sin(heading)
-    pose[:, 1] = y + along * math.cos(heading)
-    pose[:, 3] = heading
