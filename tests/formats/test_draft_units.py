@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flgpr.formats.arrays import ArrayFile, ArrayInfo
-from flgpr.formats.draft_units import SMALL, is_fast_time, small_values, unit_of, unit_suffix
+from flgpr.formats.draft_arrays import SMALL, is_fast_time, small_values, unit_of, unit_suffix
 
 
 def file_of(**arrays):

@@ -15,10 +15,7 @@ from typing import Any
 import numpy as np
 
 from flgpr.formats.array_file import ArrayFile
-from flgpr.formats.draft_arrays import find_signal
-from flgpr.formats.draft_groups import ArraySource, FileGroup
-from flgpr.formats.draft_names import TIME
-from flgpr.formats.draft_places import Places
+from flgpr.formats.draft_arrays import TIME, ArraySource, FileGroup, Places, find_signal
 from flgpr.formats.draft_roles import Roles
 from flgpr.model.printable import printable
 from flgpr.model.units import UNITS

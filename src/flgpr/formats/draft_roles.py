@@ -17,9 +17,7 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.formats.draft_arrays import Field, find_signal, labels_of
-from flgpr.formats.draft_groups import TABLES, ArraySource, FileGroup
-from flgpr.formats.draft_names import (
+from flgpr.formats.draft_arrays import (
     ANTENNA,
     CLOCK,
     FREQUENCY,
@@ -27,13 +25,20 @@ from flgpr.formats.draft_names import (
     RECEIVER,
     ROTATION,
     SAMPLES,
+    TABLES,
     TIME,
     TRANSMITTER,
     WAY,
+    Antennas,
+    ArraySource,
+    Field,
+    FileGroup,
+    Places,
     component_of,
+    find_signal,
+    is_fast_time,
+    labels_of,
 )
-from flgpr.formats.draft_places import Antennas, Places
-from flgpr.formats.draft_units import is_fast_time
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.units import UNITS
 from flgpr.types import FloatArray

@@ -13,10 +13,9 @@ import numpy as np
 
 from flgpr.formats.array_file import LIMIT, ArrayFile, ArrayInfo
 from flgpr.formats.arrays import open_arrays
-from flgpr.formats.draft_groups import group_files
+from flgpr.formats.draft_arrays import SMALL, group_files
 from flgpr.formats.draft_mapping import MappingDraft, draft_of_file
 from flgpr.formats.draft_roles import Roles
-from flgpr.formats.draft_units import SMALL
 from flgpr.formats.reader import Explanation, reader_of, readers
 from flgpr.store.files import existing
 

@@ -1,8 +1,17 @@
-"""SEG-Y of revisions 0 to 2, as radars write it, and Seismic Unix."""
+"""SEG-Y of revisions 0 to 2, as radars write it, and Seismic Unix.
+
+Byte positions are those of the standards (SEG-Y revision 2.1, Society of Exploration Geophysicists
+2023), less one. Bytes 3507 to 3510 are the number of extra trace headers in revision 2.0; in 2.1 it
+has two bytes, and the other two are the kind of survey. Files differ, and older ones have anything
+there, so that a layout is taken that the file's size and its trace headers bear out.
+"""
 
 from __future__ import annotations
 
+import itertools
+import re
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -10,6 +19,7 @@ from flgpr.types import AnyArray, Entries, Float32Array, Notes
 from flgpr_exchange.gpr.parts import (
     FOOT,
     INTERVALS,
+    MOST_SAMPLES,
     ZERO_ASSUMED,
     exact_floats,
     first_bytes,
@@ -17,18 +27,310 @@ from flgpr_exchange.gpr.parts import (
     interleaved_channels,
     note_count,
     read_records,
-)
-from flgpr_exchange.gpr.segy_layout import (
-    PICOSECOND,
-    TRACE_HEAD,
-    TRACE_WORDS,
-    TraceLayout,
-    interval_of,
-    layout_of,
-    read_head,
-    record_type,
+    words_type,
 )
 from flgpr_exchange.gpr.segy_places import geometry_of
+
+HEAD = 3600  # bytes of the text header and the binary header
+TRACE_HEAD = 240  # bytes
+_STANZA = 3200  # bytes
+_FORMATS = {
+    1: "u4",
+    2: "i4",
+    3: "i2",
+    5: "f4",
+    6: "f8",
+    8: "i1",
+    10: "u4",
+    11: "u2",
+    16: "u1",
+}
+"""Types of the codes of sample formats; the first is IBM's floating point."""
+_NOT_READ = {
+    4: "fixed point with gain",
+    7: "24 bit",
+    9: "64 bit",
+    12: "64 bit unsigned",
+    15: "24 bit unsigned",
+}
+_ORDERS = {b"\x01\x02\x03\x04": ">", b"\x04\x03\x02\x01": "<"}
+_MOST_HEADERS = 1000  # extra text headers, or extra headers of a trace
+_END_TEXT = re.compile(r"\s*\(\(\s*SEG\s*:\s*ENDTEXT\s*\)\)", re.IGNORECASE)
+_BINARY = {
+    "ensemble": ("u2", 3212),  # traces of it
+    "interval": ("u2", 3216),
+    "samples": ("u2", 3220),
+    "code": ("u2", 3224),  # of the sample format
+    "system": ("u2", 3254),  # of measures
+    "long_samples": ("i4", 3268),  # revision 2
+    "long_interval": ("f8", 3272),  # revision 2
+    "major": ("u1", 3500),  # number of the revision
+    "minor": ("u1", 3501),
+    "text_headers": ("i2", 3504),
+    "extra_headers": ("i4", 3506),  # revision 2.0
+    "few_extra_headers": ("i2", 3506),  # revision 2.1
+    "first": ("u8", 3520),  # byte of the first trace, revision 2
+    "stanzas": ("i4", 3528),  # behind the traces, revision 2
+    "trace_samples": ("u2", HEAD + 114),  # by the first trace header
+    "trace_interval": ("u2", HEAD + 116),
+}
+"""Words of the binary header and of the first trace header that are read: type and offset."""
+TRACE_WORDS = {
+    "record": ("i4", 8),
+    "channel": ("i4", 12),
+    "identification": ("i2", 28),
+    "offset": ("i4", 36),
+    "scalar": ("i2", 70),
+    "source_x": ("i4", 72),
+    "source_y": ("i4", 76),
+    "group_x": ("i4", 80),
+    "group_y": ("i4", 84),
+    "unit": ("i2", 88),
+    "late": ("i2", 108),
+    "count": ("u2", 114),
+    "interval": ("u2", 116),
+    "weight": ("i2", 168),
+    "cdp_x": ("i4", 180),
+    "cdp_y": ("i4", 184),
+}
+"""Words of a trace header that are read: type and offset."""
+PICOSECOND = 1e-12
+
+
+class SegyHead(NamedTuple):
+    """What the headers of a file state."""
+
+    order: str  #: of bytes, "<" or ">"
+    words: Entries  #: of the binary header and of the first trace header
+    major: int  #: number of the revision
+    minor: int
+
+
+class TraceLayout(NamedTuple):
+    """Where the traces lie in a file."""
+
+    start: int  #: of the first trace, bytes
+    head: int  #: of a trace's headers, bytes
+    samples: int
+    end: int = 0  #: bytes behind the last trace
+
+
+def read_head(path: Path, notes: Notes) -> SegyHead:
+    """Read the headers of a file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    notes : list of str
+        Takes what is assumed, replaced or not used; of a revision that does not exist, too, which
+        is returned as it is.
+
+    Returns
+    -------
+    SegyHead
+        What they state; words of a trace that is not there are 0.
+
+    Raises
+    ------
+    ValueError
+        If the headers are cut off, or the code of the sample format is none that is read.
+    """
+    raw = first_bytes(path, HEAD + TRACE_HEAD, 0, "its headers", HEAD)
+    raw = raw.ljust(HEAD + TRACE_HEAD, b"\0")
+    heads = {order: header_words(raw, _BINARY, order) for order in "><"}
+    orders = _ORDERS.get(raw[3296:3300], "><")
+    order = next((order for order in orders if heads[order]["code"] in _FORMATS), None)
+    if order is None:
+        code = heads[orders[0]]["code"]
+        meaning = _NOT_READ.get(code) or _NOT_READ.get(heads["<"]["code"])
+        remark = f" ({meaning}, which is not read)" if meaning else ""
+        codes = ", ".join(map(str, _FORMATS))
+        raise ValueError(
+            f"the code of its sample format must be one of {codes}, got {code}{remark}"
+        )
+
+    words = heads[order]
+    major, minor = words["major"], words["minor"]
+    if order == "<" and major == 0 and minor in (1, 2):
+        # The word was swapped with all others.
+        major, minor = minor, 0
+    if major == 2:
+        notes.append(f"SEG-Y revision {major}.{minor}")
+    elif major > 2:
+        notes.append(
+            f"its revision word is {major}.{minor}, which does not exist: it is read as revision 1"
+        )
+    return SegyHead(order, words, major, minor)
+
+
+def layout_of(path: Path, head: SegyHead, notes: Notes) -> TraceLayout:
+    """Return where the traces lie.
+
+    Of all layouts that the headers allow, it is the one that the file bears out best.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    head : SegyHead
+        Its headers.
+    notes : list of str
+        Takes what is assumed, replaced or not used.
+
+    Returns
+    -------
+    TraceLayout
+        The layout.
+
+    Raises
+    ------
+    ValueError
+        If no header tells the number of samples.
+    """
+    words = head.words
+    stated = words["samples"]
+    long = words["long_samples"] if head.major >= 2 else 0
+    if stated < 2:
+        stated = long
+    counts = [
+        count
+        for count in dict.fromkeys((stated, words["trace_samples"], long))
+        if 2 <= count <= MOST_SAMPLES
+    ]
+    texts = words["text_headers"]
+    if texts == -1:
+        texts = _count_to_end_text(path)
+    text_headers = (texts, 0) if 0 < texts <= _MOST_HEADERS else (0,)
+    extra_headers, stanzas, first = [0], 0, 0
+    if head.major == 2:
+        extras = [words["extra_headers"], words["few_extra_headers"]]
+        likely_first = extras if head.minor == 0 else extras[::-1]
+        plausible = [count for count in likely_first if 0 < count <= _MOST_HEADERS]
+        extra_headers = list(dict.fromkeys([*plausible, 0]))
+        stanzas, first = words["stanzas"], words["first"]
+    end = _STANZA * stanzas if 0 < stanzas <= _MOST_HEADERS else 0
+
+    candidates = []
+    has_first = HEAD <= first < path.stat().st_size
+    for texts, extra, samples in itertools.product(text_headers, extra_headers, counts):
+        start = first if has_first else HEAD + _STANZA * texts
+        candidates.append(TraceLayout(start, TRACE_HEAD * (1 + extra), samples, end))
+    if not candidates:
+        raise ValueError(
+            "it must tell the number of samples, in its binary header or its first trace header, "
+            "got none"
+        )
+
+    agreements = [_agreement(path, layout, head) for layout in candidates]
+    best = candidates[int(np.argmax(agreements))]  # the first of equals is what the headers state
+    extra = best.head // TRACE_HEAD - 1
+    if extra:
+        notes.append(f"every trace has {extra} extra headers, which are passed over")
+    elif extra_headers[0]:
+        notes.append(
+            f"it tells {extra_headers[0]} extra headers of every trace; the file's size shows none"
+        )
+    if best.samples != stated:
+        notes.append(f"the number of samples, {best.samples}, is that of the trace headers")
+    if best.start != candidates[0].start:
+        notes.append(
+            f"its traces begin at byte {best.start}, not at {candidates[0].start} as its header "
+            "tells"
+        )
+    if end:
+        notes.append(f"{stanzas} stanzas behind the traces are not read")
+    return best
+
+
+def _count_to_end_text(path: Path) -> int:
+    """Count the extra text headers up to the stanza EndText, in ASCII or in EBCDIC; 0 without."""
+    for number in range(_MOST_HEADERS):
+        block = first_bytes(path, _STANZA, HEAD + _STANZA * number)
+        texts = [block.decode(codec, errors="replace") for codec in ("ascii", "cp037")]
+        if any(map(_END_TEXT.match, texts)):
+            return number + 1
+    return 0
+
+
+def _agreement(path: Path, layout: TraceLayout, head: SegyHead) -> int:
+    """Count what bears a layout out.
+
+    That is a whole number of traces, and the sample count in the first trace headers.
+    """
+    record = record_type(layout, head.order, head.words["code"]).itemsize
+    available = path.stat().st_size - layout.start - layout.end
+    if available < record:
+        return -1
+    agreement = 2 if available % record == 0 else 0
+    expected = layout.samples & 0xFFFF  # the trace header's word has 16 bit
+    for number in (0, 1, available // record - 1):
+        word = first_bytes(path, 2, layout.start + number * record + 114)
+        agreement += word == np.array(expected, f"{head.order}u2").tobytes()
+    return agreement
+
+
+def interval_of(head: SegyHead, notes: Notes) -> float:
+    """Return the sample interval, s.
+
+    It is that of the binary header, of revision 2's long word, or of the first trace header.
+
+    Parameters
+    ----------
+    head : SegyHead
+        The headers.
+    notes : list of str
+        Takes what is assumed, replaced or not used.
+
+    Returns
+    -------
+    float
+        The interval, s.
+
+    Raises
+    ------
+    ValueError
+        If no header tells it, or it is not plausible.
+    """
+    words = head.words
+    interval = float(words["interval"])
+    if not interval and head.major == 2 and 0 < words["long_interval"] < np.inf:
+        interval = words["long_interval"]
+    if not interval and words["trace_interval"]:
+        interval = float(words["trace_interval"])
+        notes.append(f"the sample interval, {interval:.0f}, is that of the first trace header")
+    if not interval:
+        raise ValueError(
+            "it must tell the sample interval, in its binary header or its trace headers, got 0"
+        )
+    if not INTERVALS[0] <= interval * PICOSECOND <= INTERVALS[1]:
+        raise ValueError(f"its sample interval must be from 0.1 to 1e6 ps, got {interval:g}")
+    return interval * PICOSECOND
+
+
+def record_type(layout: TraceLayout, order: str, code: int) -> np.dtype[Any]:
+    """Return the type of a trace with the words of its header that are read.
+
+    Parameters
+    ----------
+    layout : TraceLayout
+        Where the traces lie.
+    order : str
+        Byte order, "<" or ">".
+    code : int
+        Code of the sample format.
+
+    Returns
+    -------
+    numpy.dtype
+        Of a record with a field for every word, and ``samples``.
+    """
+    width = np.dtype(_FORMATS[code]).itemsize
+    samples = (f"{layout.samples}{_FORMATS[code]}", layout.head)
+    return words_type(
+        TRACE_WORDS | {"samples": samples}, layout.head + layout.samples * width, order
+    )
+
 
 _IBM = 1
 _IEEE = 5
