@@ -97,9 +97,9 @@ def faults_of_parser(
     """
     try:
         yield
-    except (MissingExtraError, *passed):
-        raise
     except Exception as error:
+        if isinstance(error, (MissingExtraError, *passed)):
+            raise
         message = " ".join(str(error).split())[:240] or type(error).__name__
         raise ValueError(f"{path}: cannot be read as {what}: {message}") from None
 

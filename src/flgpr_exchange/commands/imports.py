@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
@@ -19,7 +19,6 @@ from flgpr.commands.options import (
     size_in_bytes,
 )
 from flgpr.commands.shell import Arguments, Offer, command
-from flgpr.types import Entries
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -246,7 +245,7 @@ def import_gpr(
     from flgpr_exchange.commands.importing import LinePositions, import_lines
 
     files = one_or_more(file)
-    headers: Entries = {
+    headers: dict[str, Any] = {
         "step": step,
         "band": band,
         "separation": separation,

@@ -246,25 +246,18 @@ def _frequencies(heads: list[Entries], notes: Notes) -> tuple[float | None, ...]
     quoted = ", ".join(map(repr, names))
     notes.append(f"antennas {quoted}; the file tells no antenna separation")
     is_mini_xt = heads[0]["system"] >> 3 == _MINI_XT  # the lower bits are a version
-    return tuple(_frequency_of(channel, names, is_mini_xt, notes) for channel in range(len(names)))
-
-
-def _frequency_of(channel: int, names: list[str], is_mini_xt: bool, notes: Notes) -> float | None:
-    """Return the nominal frequency of a channel's antenna, Hz.
-
-    It is known by its name, the set it is of, or the system.
-    """
-    name = names[channel]
-    if antenna_frequency(name, "GSSI", channel) is not None:
-        return noted_frequency(name, "GSSI", notes, channel)
-    of_set = set_frequency(names[0], channel) if channel else None
-    if of_set is not None:
-        notes.append(
-            f"the antenna of channel {channel} is taken as the second of {names[0]!r}: "
-            f"{of_set / 1e6:g} MHz"
-        )
-        return of_set
-    if is_mini_xt:
-        notes.append("its system is a StructureScan Mini XT, whose antenna is taken")
-        return antenna_frequency("SSMINIXT", "GSSI")
-    return noted_frequency(name, "GSSI", notes, channel)
+    frequencies: list[float | None] = []
+    for channel, name in enumerate(names):
+        of_set = set_frequency(names[0], channel) if channel else None
+        if antenna_frequency(name, "GSSI", channel) is None and of_set is not None:
+            notes.append(
+                f"the antenna of channel {channel} is taken as the second of {names[0]!r}: "
+                f"{of_set / 1e6:g} MHz"
+            )
+            frequencies.append(of_set)
+        elif antenna_frequency(name, "GSSI", channel) is None and is_mini_xt:
+            notes.append("its system is a StructureScan Mini XT, whose antenna is taken")
+            frequencies.append(antenna_frequency("SSMINIXT", "GSSI"))
+        else:
+            frequencies.append(noted_frequency(name, "GSSI", notes, channel))
+    return tuple(frequencies)

@@ -219,18 +219,17 @@ def _judge_fixes(section: GprSection, position: FloatArray) -> Motion:
 
     They are judged by their times where these go on.
     """
-    pose = np.concatenate([position, np.zeros_like(position)], axis=1)
+    pose = np.pad(position, ((0, 0), (0, 3)))
     # Fixes may be as many traces apart as they like, and a receiver without corrections wanders
     # from fix to fix.
     limits = MotionLimits(scans=int(LARGEST), acceleration=1000.0)
-    time: FloatArray | None = None
-    if section.fix_time.size == len(position):
-        steps = np.diff(section.fix_time)
-        if (steps > 0).any() and not (steps < 0).any():
-            time = section.fix_time
-    if time is None and section.time is not None:
-        time = np.interp(section.fixes[:, 0], np.arange(len(section.time)), section.time)
-    return judge_poses(pose, time, limits, np.round(section.fixes[:, 0]))
+    trace, time = section.fixes[:, 0], None
+    steps = np.diff(section.fix_time)
+    if section.fix_time.size == len(position) and (steps > 0).any() and not (steps < 0).any():
+        time = section.fix_time
+    elif section.time is not None:
+        time = np.interp(trace, np.arange(len(section.time)), section.time)
+    return judge_poses(pose, time, limits, np.round(trace))
 
 
 def doubts_of_fixes(section: GprSection) -> list[str]:
@@ -272,11 +271,9 @@ def _near_middle(fixes: FloatArray) -> FloatArray:
 
     Near the middle of the line a degree is as long as there; far away it need only be far.
     """
-    longitude = np.radians(fixes[:, 1])
-    latitude = np.radians(fixes[:, 2])
+    longitude, latitude = np.radians(fixes[:, 1:3]).T
     middle = float(np.median(latitude))
     # The difference of longitudes is wrapped: a line may cross the date line.
     difference = np.angle(np.exp(1j * (longitude - np.median(longitude))))
     east = difference * math.cos(middle)
-    north = latitude - middle
-    return _EARTH * np.stack([east, north, np.zeros_like(east)], axis=1)
+    return _EARTH * np.stack([east, latitude - middle, np.zeros_like(east)], axis=1)

@@ -176,7 +176,7 @@ def _global(run: xr.Dataset, digest: str) -> Entries:
     title = str(run.attrs.get("title", ""))
     if title:
         entries["core:description"] = title
-    entries[f"{NAMESPACE}:polarization"] = [str(label) for label in run["polarization"].values]
+    entries[f"{NAMESPACE}:polarization"] = run["polarization"].values.astype(str).tolist()
     for name in ("frequency", "tx_position", "rx_position"):
         entries[f"{NAMESPACE}:{name}"] = run[name].values.tolist()
     return entries
