@@ -225,9 +225,16 @@ def export_qgis(wish: Wish) -> Path:
         folder = Path(temporary)
         layers = []
         for kind, table in tables.items():
-            if table is not None and len(table):
-                rows = _Rows(table, kind, anchor, identity)
-                layers.append(_point_layer(rows, folder, wish.time))
+            if table is None or not len(table):
+                continue
+            points = _Rows(table, kind, anchor, identity).points(wish.time)
+            write_geopackage(points, folder / f"{kind}.gpkg", kind)
+            style: qgis.ByKind | qgis.Graduated
+            if kind in _POINT_COLOURS:
+                style = qgis.by_kind(table["kind"], _POINT_COLOURS[kind])
+            else:
+                style = qgis.graduated("confidence", table["confidence"])
+            layers.append(qgis.MapLayer(kind, f"{kind}.gpkg", "EPSG:4326", "Point", style))
         layers += _lane_layers(loaded, chosen, folder, anchor)
         project = _project(loaded, chosen, anchor, identity, layers)
         (folder / "lane.qgs").write_bytes(project)
@@ -243,18 +250,6 @@ def _pack(folder: Path, path: Path, name: str) -> None:
             entry = zipfile.ZipInfo(f"{name}/{file.name}")  # without a time
             entry.external_attr = 0o644 << 16
             bundle.writestr(entry, file.read_bytes(), zipfile.ZIP_DEFLATED)
-
-
-def _point_layer(rows: _Rows, folder: Path, time: str | None) -> qgis.MapLayer:
-    """Write a table of points as GeoPackage and return its layer."""
-    kind = rows.kind
-    style: qgis.ByKind | qgis.Graduated
-    if kind in _POINT_COLOURS:
-        style = qgis.by_kind(rows.table["kind"], _POINT_COLOURS[kind])
-    else:
-        style = qgis.graduated("confidence", rows.table["confidence"])
-    write_geopackage(rows.points(time), folder / f"{kind}.gpkg", kind)
-    return qgis.MapLayer(kind, f"{kind}.gpkg", "EPSG:4326", "Point", style)
 
 
 def _lane_layers(

@@ -81,7 +81,16 @@ def write_cphd(
     check_run(run)
     path = Path(path)
     sarkit = optional("sarkit.cphd", "cphd")
-    _check_even_tones(run["frequency"].values)
+    frequency = run["frequency"].values
+    if frequency.size < 2:
+        raise ValueError(f"CPHD needs at least two tones, got {frequency.size}")
+    even, step = np.linspace(frequency[0], frequency[-1], frequency.size, retstep=True)
+    off = np.abs(frequency - even).max()
+    if off > _UNEVEN * step:
+        raise ValueError(
+            f"CPHD needs evenly spaced tones, these are up to {off:g} Hz off: "
+            "select an even sub-band"
+        )
     run = run.compute()  # channels cut across the store's chunks
 
     if scene is None:
@@ -218,19 +227,6 @@ def _without_sarkits_warnings() -> Iterator[None]:
             "ignore", message=r"(read|open)_\w+ is deprecated", category=DeprecationWarning
         )
         yield
-
-
-def _check_even_tones(frequency: FloatArray) -> None:
-    """Refuse tones (frequency,), Hz, that CPHD cannot hold."""
-    if frequency.size < 2:
-        raise ValueError(f"CPHD needs at least two tones, got {frequency.size}")
-    even, step = np.linspace(frequency[0], frequency[-1], frequency.size, retstep=True)
-    off = np.abs(frequency - even).max()
-    if off > _UNEVEN * step:
-        raise ValueError(
-            f"CPHD needs evenly spaced tones, these are up to {off:g} Hz off: "
-            "select an even sub-band"
-        )
 
 
 def _channel(

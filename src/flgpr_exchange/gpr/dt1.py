@@ -9,7 +9,6 @@ of the day, word 25 is 1 where the operator set a mark.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -149,11 +148,19 @@ def _records(
     width = (swapped_words if swapped else first_words)[5]
 
     # The type that is stated, else by the bytes of a sample, unless it moves the second header.
-    sample = _TYPES.get(name) or ("f4" if width == 4 else "i2")
-    other = "i2" if sample == "f4" else "f4"
-    fitting = [kind for kind in (sample, other) if _second_agrees(path, samples, kind, swapped)]
-    sample = fitting[0] if fitting else sample
-    table = read_records(path, 0, _record(samples, sample, swapped), stated, notes, limit)
+    likely = _TYPES.get(name) or ("f4" if width == 4 else "i2")
+    order = ">" if swapped else "<"
+    records = {}
+    for kind in (likely, "i2" if likely == "f4" else "f4"):
+        fields = [("head", f"{order}f4", 25), ("comment", "S28")]
+        records[kind] = np.dtype([*fields, ("samples", f"{order}{kind}", samples)])
+    sample = likely
+    for kind, record in reversed(records.items()):
+        second = first_bytes(path, record.itemsize, record.itemsize)
+        is_cut_off = len(second) < record.itemsize
+        if is_cut_off or np.frombuffer(second, record)["head"][0, 2] == samples:
+            sample = kind
+    table = read_records(path, 0, records[sample], stated, notes, limit)
 
     points = float64(table["head"][:, 2])
     if (points != samples).any():
@@ -165,23 +172,6 @@ def _records(
         reason = f"DATA TYPE is {name}" if name else "no DATA TYPE is told"
         notes.append(f"samples are read as {_TYPE_WORDS[sample]}, by their size ({reason})")
     return table
-
-
-def _record(samples: int, sample: str, swapped: bool) -> np.dtype[Any]:
-    """Return the type of a trace: header words, comment and samples."""
-    fields = [("head", "<f4", 25), ("comment", "S28"), ("samples", f"<{sample}", samples)]
-    record = np.dtype(fields)
-    return record.newbyteorder() if swapped else record
-
-
-def _second_agrees(path: Path, samples: int, sample: str, swapped: bool) -> bool:
-    """Return whether the second trace header lies where it does if samples are of a type.
-
-    It is true if there is no second trace.
-    """
-    record = _record(samples, sample, swapped)
-    raw = first_bytes(path, record.itemsize, record.itemsize)
-    return len(raw) < record.itemsize or np.frombuffer(raw, record)["head"][0, 2] == samples
 
 
 def _lengths(
