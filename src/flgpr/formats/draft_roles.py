@@ -205,8 +205,8 @@ class Roles:
         """Return the x, y and z that lie in the signal's own structure or group."""
         inside = re.match(r".*[./]", self.signal.name)
         arrays = self.data.opened.arrays
-        names = [f"{inside[0]}{axis}" for axis in "xyz"] if inside and not self.topic else [""]
-        if not set(names) <= set(arrays):
+        names = [f"{inside[0]}{axis}" for axis in "xyz"] if inside and not self.topic else []
+        if not names or not set(names) <= set(arrays):
             return {}
         sides = [self._take(ArraySource(self.data, arrays[name])) for name in names]
         unit = sides[0].unit("m")
