@@ -12,7 +12,7 @@ import numpy as np
 
 from flgpr.store.extras import MissingExtraError
 from flgpr.store.store_layout import MAX_MEMORY
-from flgpr.types import AnyArray, Arrays, Notes
+from flgpr.types import AnyArray, Arrays
 
 LIMIT = MAX_MEMORY
 """Largest array that is read, bytes, unless another limit is given."""
@@ -46,7 +46,7 @@ class ArrayFile:
     limit: int = LIMIT
     about: list[str] = field(default_factory=list)  #: what else the file states, a line each
     #: what was assumed, changed or left out so far, in words, for the notes of an import
-    notes: Notes = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
     signal: str = ""  #: the array that is certainly the signal, if the format has one
     #: beginning of the names of arrays that say again what others hold
     repeated: str = ""

@@ -31,7 +31,7 @@ from flgpr.model.frames import rigid_array
 from flgpr.model.phase import lengthen
 from flgpr.model.track import poses_at
 from flgpr.store.files import natural_order
-from flgpr.types import AnyArray, ArrayLike, Entries, FloatArray, Notes, floats
+from flgpr.types import AnyArray, ArrayLike, Entries, FloatArray, floats
 
 if TYPE_CHECKING:
     from flgpr.geo.anchor import Anchor
@@ -54,7 +54,7 @@ class Imported:
     #: the track the poses come from, on its own clock; None if the poses came otherwise
     track: pd.DataFrame | None = None
     #: what was done to the data in the import, in words
-    notes: Notes = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
     #: the anchor that the fixes themselves made, if they were asked to
     anchor: Anchor | None = None
 

@@ -35,7 +35,7 @@ class Decks:
     #: what the reader needs to put the results together, as JSON values
     manifest: Entries = field(default_factory=dict)
     #: what of scene and sensor is not in the files, in words
-    omissions: Notes = field(default_factory=list)
+    omissions: list[str] = field(default_factory=list)
     summary: list[str] = field(default_factory=list)  #: size and cost, in words
 
 
