@@ -137,11 +137,9 @@ class TouchstoneReader(Reader):
                 f"it holds {text.tones} tones, of which the scikit-rf library reads {frequency.size}"
             )
         arrays = {"frequency": frequency, "s": parameters}
-        ports = network.nports
-        separator = "" if ports < 10 else "_"
-        for row in range(ports):
-            for column in range(ports):
-                arrays[f"s{row + 1}{separator}{column + 1}"] = parameters[:, row, column]
+        separator = "" if network.nports < 10 else "_"
+        for row, column in np.ndindex(parameters.shape[1:]):
+            arrays[f"s{row + 1}{separator}{column + 1}"] = parameters[:, row, column]
         units = dict.fromkeys(arrays, "1") | {"frequency": "Hz"}
         return ArrayFile(path, self.kind, *from_memory(arrays, units), limit, [], notes)
 

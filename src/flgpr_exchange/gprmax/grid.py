@@ -108,7 +108,7 @@ def _cubic(position: float) -> list[tuple[int, float]]:
         -(t + 1) * t * (t - 2) / 2,
         (t + 1) * t * (t - 1) / 6,
     )
-    return [(first + k - 1, weight) for k, weight in enumerate(weights)]
+    return list(enumerate(weights, start=first - 1))
 
 
 def rectangles(mask: BoolArray) -> list[tuple[int, int, int, int]]:

@@ -129,12 +129,12 @@ def _surface_steps(scene: Scene, grid: CellGrid, seed: int) -> tuple[AnyArray, f
     if not (rough and (surface.echo or surface.phase_screen)):
         return np.zeros(grid.shape[:2], dtype=int), 0.0
     heights = surface_heights(surface, seed)
-    places = []
-    for count, start in zip(grid.shape[:2], grid.origin[:2], strict=True):
-        # Inside the absorbing layers the ground goes on as it enters them.
-        inner = np.clip(np.arange(count), grid.absorber, count - 1 - grid.absorber)
-        places.append((inner + 0.5) * grid.cell + start)
-    x, y = places
+    # Inside the absorbing layers the ground goes on as it enters them.
+    x, y = (
+        (np.clip(np.arange(count), grid.absorber, count - 1 - grid.absorber) + 0.5) * grid.cell
+        + start
+        for count, start in zip(grid.shape[:2], grid.origin[:2], strict=True)
+    )
     exact = np.stack([heights(x[i], y) for i in range(x.size)])
     return np.rint(exact / grid.cell).astype(int), float(exact.std())
 

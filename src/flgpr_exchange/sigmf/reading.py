@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from flgpr.door import MOST_JSON, Folder, read_named
-from flgpr.formats.array_file import ArrayFile, ArrayInfo
+from flgpr.formats.array_file import ArrayFile, ArrayInfo, from_memory
 from flgpr.formats.reader import Reader
 from flgpr.json_text import MOST_VALUES, parse_json
 from flgpr.types import AnyArray, Arrays, Entries, FloatArray, Notes
@@ -206,23 +206,20 @@ class SigmfRecording:
         return lines + self._unread
 
     @property
-    def arrays(self) -> list[ArrayInfo]:
-        """The arrays, those of samples first."""
+    def arrays(self) -> dict[str, ArrayInfo]:
+        """The arrays by their names, those of samples first."""
         samples = self._samples
         kind = str(samples.value)
-        infos: list[ArrayInfo] = []
+        infos = {}
         if self._segment:
-            infos.append(ArrayInfo("segments", self._shape_of_segments(), kind))
+            infos["segments"] = ArrayInfo("segments", self._shape_of_segments(), kind)
         if self._sweep:
-            sweeps = len(self._starts) // self._sweep
+            shape = (len(self._starts) // self._sweep, self._sweep, *samples.shape[1:])
             mean_kind = kind if samples.is_complex else "float64"
-            infos.append(ArrayInfo("sweeps", (sweeps, self._sweep, *samples.shape[1:]), mean_kind))
-        infos.append(ArrayInfo("samples", samples.shape, kind))
+            infos["sweeps"] = ArrayInfo("sweeps", shape, mean_kind)
+        infos["samples"] = ArrayInfo("samples", samples.shape, kind)
         # Those of sweeps before those of captures, so that a draft tries them first.
-        for name, values in (self._of_sweeps | self._arrays).items():
-            unit = self._units.get(name, "")
-            infos.append(ArrayInfo(name, values.shape, str(values.dtype), unit))
-        return infos
+        return infos | from_memory(self._of_sweeps | self._arrays, self._units)[0]
 
     def _shape_of_segments(self) -> tuple[int, ...]:
         """Return the shape of the samples by captures of equal length."""
@@ -230,9 +227,9 @@ class SigmfRecording:
 
     def read(self, name: str) -> AnyArray:
         """Read one of ``arrays``; samples whose digest is another than stated are a ValueError."""
-        for arrays in (self._of_sweeps, self._arrays):
-            if name in arrays:
-                return arrays[name]
+        in_memory = self._of_sweeps | self._arrays
+        if name in in_memory:
+            return in_memory[name]
         samples = self._read_samples()
         if name == "samples":
             return samples
@@ -525,9 +522,9 @@ def _coordinates(point: Any) -> FloatArray:
     There are none where it is no such point.
     """
     values = point.get("coordinates") if isinstance(point, dict) else None
-    if not isinstance(values, list) or not 2 <= len(values) <= len(_PLACE):
-        return np.empty(0)
-    coordinates = _column_of(values)
+    coordinates = None
+    if isinstance(values, list) and 2 <= len(values) <= len(_PLACE):
+        coordinates = _column_of(values)
     if coordinates is None or coordinates.ndim != 1 or coordinates.dtype.kind not in "iuf":
         return np.empty(0)
     return coordinates.astype(np.float64)
@@ -554,8 +551,7 @@ class SigmfReader(Reader):
         """Open samples, sweeps and the numbers of the metadata."""
         notes: Notes = []
         recording = SigmfRecording(path, limit, notes)
-        arrays = {array.name: array for array in recording.arrays}
-        about = recording.lines
+        arrays, about = recording.arrays, recording.lines
         opened = ArrayFile(path, self.kind, arrays, recording.read, limit, about, notes)
         if "sweeps" in arrays:
             opened.signal = "sweeps"
