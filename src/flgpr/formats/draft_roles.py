@@ -36,7 +36,6 @@ from flgpr.formats.draft_arrays import (
     Places,
     component_of,
     find_signal,
-    is_fast_time,
     labels_of,
 )
 from flgpr.model import SPEED_OF_LIGHT
@@ -145,7 +144,7 @@ class Roles:
         unused = self._unused()
         delays = [source for source in unused if source.is_called(SAMPLES)]
         times = [one for one in unused if "time" in one.label and not CLOCK.search(one.label)]
-        fast = [time for time in times if is_fast_time(time.group.opened, time.info)]
+        fast = [time for time in times if time.is_fast_time()]
         slow = [time for time in times if time.group is self.data or not _tells_places(time.group)]
         for sources, are_certain in ((delays, True), (fast, True), (slow, False)):
             for sizes in (self.sizes[-1:], self.sizes):
