@@ -149,9 +149,7 @@ def vehicle_to_lane(position: ArrayLike, pose: ArrayLike) -> FloatArray:
     return scan_to_lane(vehicle_to_scan(position, pose), pose)
 
 
-def rigid_array(
-    tx: FloatArray, rx: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+def rigid_array(tx: FloatArray, rx: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, float]:
     """Take an array of antennas that keeps its form and heading from the lane to the vehicle frame.
 
     Parameters
