@@ -1,4 +1,4 @@
-"""Types of arrays: the one place where they are named.
+"""Types of arrays and of what goes with them: the one place where they are named.
 
 A name says what an array holds; shapes stand in docstrings.
 """
@@ -22,6 +22,10 @@ ComplexArray = NDArray[np.complex64]
 Complex128Array = NDArray[np.complex128]
 Arrays = dict[str, AnyArray]
 """Arrays by their names."""
+Entries = dict[str, Any]
+"""Values by their names: an object of JSON, a table of TOML, what a header states."""
+Notes = list[str]
+"""What was assumed, replaced or left out while a file was read or written, a line each."""
 
 
 def floats(values: Any) -> FloatArray:

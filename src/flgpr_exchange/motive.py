@@ -57,34 +57,27 @@ def read_motive(path: Path) -> tuple[Arrays, dict[str, str], list[str]]:
         raise ValueError("a take must have a header, got an empty file")
     first = head[0]  # names and values in turn
     properties = dict(zip(first[::2], first[1::2], strict=False))
-    start = _column_row(head)
-    labels = {}
-    for row in head[1:start]:
-        if len(row) > 2:
-            label = row[1].strip()
-            labels[label] = row
+    named = [number for number, row in enumerate(head) if row[:1] == ["Frame"] and len(row) > 2]
+    if not named or named[0] < 3:
+        raise ValueError(
+            "a take must name its columns, Frame, Time (Seconds), X, ..., in its first lines"
+        )
+    start = named[0]
+    labels = {row[1].strip(): row for row in head[1:start] if len(row) > 2}
     if "Type" not in labels or "Name" not in labels:
         raise ValueError("a take must have lines of Type and Name over its columns")
-    stated_unit = properties.get("Length Units", "").strip().lower()
-    length_unit = _UNITS.get(stated_unit, "")
+    length_unit = _UNITS.get(properties.get("Length Units", "").strip().lower(), "")
     rotation_type = properties.get("Rotation Type", "").strip()
-    columns = _columns(
-        labels["Type"],
-        labels["Name"],
-        head[start - 1],
-        head[start],
-        rotation_type.lower(),
-    )
+    rows = [labels["Type"], labels["Name"], head[start - 1], head[start]]
+    columns = _columns(rows, rotation_type.lower())
 
     values = _read_values(text, start + 1, len(head[start]))
     arrays: Arrays = {"frame": values[:, 0], "time": values[:, 1]}
     units = {"time": "s"}
     for name, order in columns.items():
         arrays[name] = values[:, order]
-        if name.endswith("/position"):
-            units[name] = length_unit
-        else:
-            units[name] = "deg" if len(order) == 3 else ""
+        angle = "deg" if len(order) == 3 else ""
+        units[name] = length_unit if name.endswith("/position") else angle
     rate = properties.get("Export Frame Rate", "?")
     about = (
         f"{len(values)} frames at {rate} Hz, rotations as {rotation_type or '?'}, "
@@ -127,42 +120,26 @@ def _read_values(text: str, head_lines: int, columns: int) -> FloatArray:
     return table.to_numpy()
 
 
-def _column_row(head: list[list[str]]) -> int:
-    """Return the number of the row that names the columns."""
-    for number, row in enumerate(head):
-        if row[:1] == ["Frame"] and len(row) > 2:
-            if number >= 3:
-                return number
-            break
-    raise ValueError(
-        "a take must name its columns, Frame, Time (Seconds), X, ..., in its first lines"
-    )
-
-
-def _columns(
-    types: list[str], bodies: list[str], groups: list[str], axes: list[str], euler: str
-) -> dict[str, list[int]]:
+def _columns(rows: list[list[str]], euler: str) -> dict[str, list[int]]:
     """Return the columns of every body's position and rotation.
 
-    They are in the order x, y, z and w, or in that of the Euler angles.
+    They are in the order x, y, z and w, or in that of the Euler angles. Rows are the types of the
+    bodies, their names, the groups and the axes over each column.
     """
     columns_of: dict[str, dict[str, int]] = {}
-    width = min(len(row) for row in (types, bodies, groups, axes))
-    for kind in _KINDS:  # a rigid body goes before a marker of its name
-        for column in range(2, width):
-            group = groups[column].strip().lower()
-            if types[column].strip() != kind or group not in ("position", "rotation"):
-                continue
-            name = f"{bodies[column].strip()}/{group}"
-            axis = axes[column].strip().lower()
-            columns_of.setdefault(name, {}).setdefault(axis, column)
+    for wanted in _KINDS:  # a rigid body goes before a marker of its name
+        for column, cells in enumerate(zip(*rows, strict=False)):
+            kind, body, group, axis = (cell.strip() for cell in cells)
+            if column >= 2 and kind == wanted and group.lower() in ("position", "rotation"):
+                axes = columns_of.setdefault(f"{body}/{group.lower()}", {})
+                axes.setdefault(axis.lower(), column)
 
     complete = {}
     for name, column_of in columns_of.items():
         order = "xyz"
         if name.endswith("/rotation"):
             order = "xyzw" if "w" in column_of else euler
-        if order and all(axis in column_of for axis in order):
+        if order and set(order) <= set(column_of):
             complete[name] = [column_of[axis] for axis in order]
     if not complete:
         raise ValueError("a take must hold positions of rigid bodies or markers, got none")
@@ -195,11 +172,10 @@ class MotiveReader(Reader):
     ) -> tuple[FloatArray, FloatArray]:
         """Return times and poses of a rigid body."""
         opened = open_arrays(path)
-        bodies = []
-        for array in opened.arrays:
-            name = array.removesuffix("/rotation")
-            if name != array and f"{name}/position" in opened.arrays:
-                bodies.append(name)
+        names = [name.removesuffix("/rotation") for name in opened.arrays]
+        bodies = [
+            name for name in names if {f"{name}/rotation", f"{name}/position"} <= set(opened.arrays)
+        ]
         is_known = len(bodies) == 1 if body is None else body in bodies
         if not is_known:
             raise ValueError(f"body must be one of {', '.join(bodies) or 'none'}, got {body!r}")
@@ -210,16 +186,16 @@ class MotiveReader(Reader):
             )
 
         name = body or bodies[0]
-        position = opened.read(f"{name}/position")
-        quaternions = opened.read(f"{name}/rotation")
+        position, quaternions = (opened.read(f"{name}/{what}") for what in ("position", "rotation"))
         if quaternions.shape[1] != 4:
             raise ValueError(
                 "a take with Euler angles needs a mapping that tells their order: "
                 "export quaternions instead"
             )
         unit = opened.arrays[f"{name}/position"].unit
-        scale = factor(unit, "length", "the header's Length Units")
-        in_lane = scale * position @ axes_matrix(axes).T
+        in_lane = (
+            factor(unit, "length", "the header's Length Units") * position @ axes_matrix(axes).T
+        )
         pose = np.concatenate([in_lane, attitude_of(quaternions, axes, axes)], axis=1)
         return opened.read("time"), pose
 

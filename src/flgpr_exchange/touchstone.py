@@ -20,6 +20,7 @@ from flgpr.formats.reader import Reader
 from flgpr.store.extras import optional
 from flgpr.store.store_layout import MAX_MEMORY
 from flgpr.store.text import decode_text
+from flgpr.types import Notes
 
 _NOISE = 5  # numbers of a line of noise parameters
 _PORTS = re.compile(r"\.s(\d+)p", re.IGNORECASE)
@@ -34,7 +35,7 @@ class TouchstoneText(io.StringIO):
         self.tones = tones  #: how many tones it holds; 0 if the file does not state it
 
 
-def touchstone_text(path: Path, notes: list[str]) -> TouchstoneText:
+def touchstone_text(path: Path, notes: Notes) -> TouchstoneText:
     """Return a file's text, of any encoding, with its tones in the order of frequency.
 
     Parameters
@@ -55,83 +56,60 @@ def touchstone_text(path: Path, notes: list[str]) -> TouchstoneText:
         If the numbers make no whole number of tones, or the ending names no number of ports.
     """
     text = decode_text(read_named(path, MAX_MEMORY), path.name, notes)
-    keywords = {}
-    for name, value in re.findall(r"^\s*\[(.*?)\][ \t]*(\S*)", text, re.MULTILINE):
-        keywords[name.lower()] = value
+    keywords = {
+        name.lower(): value
+        for name, value in re.findall(r"^\s*\[(.*?)\][ \t]*(\S*)", text, re.MULTILINE)
+    }
     if keywords:  # of version 2, which marks where noise begins
         stated = keywords.get("number of frequencies", "")
-        _note_noise(_noise_lines(text), notes)
+        noise_lines = text.lower().partition("[noise data]")[2].partition("[end]")[0].splitlines()
+        _note_noise(sum(bool(line.partition("!")[0].strip()) for line in noise_lines), notes)
         return TouchstoneText(text, path, int(stated) if stated.isdecimal() else 0)
 
-    head, rows = _head_and_rows(text)
-    if not any(line.lstrip().startswith("#") for line in head):
-        notes.append(
-            "it has no option line: frequencies are taken in GHz, numbers as magnitude and degrees "
-            "of S, as the standard has it"
-        )
-    ports = _ports_of(path)
-    noise = 0
-    while ports == 2 and len(rows) > 1 and len(rows[-1]) == _NOISE:
-        rows.pop()
-        noise += 1
-    tones = _tones_in(rows, ports)
-    ordered = sorted(tones, key=lambda tone: float(tone[0]))
-    _note_noise(noise, notes)
-    if ordered != tones:
-        notes.append(f"its {len(tones)} tones do not rise: they are put in the order of frequency")
-    elif not noise:
-        return TouchstoneText(text, path, len(tones))
-    body = [" ".join(tone) for tone in ordered]
-    return TouchstoneText("\n".join([*head, *body]) + "\n", path, len(tones))
-
-
-def _note_noise(lines: int, notes: list[str]) -> None:
-    """Add a note of the lines of noise parameters, if there are any."""
-    if lines:
-        notes.append(f"{lines} lines of noise parameters are not read")
-
-
-def _head_and_rows(text: str) -> tuple[list[str], list[list[str]]]:
-    """Separate the lines of comments, options and keywords from the rows of numbers."""
-    head = []
-    rows = []
+    head = []  # lines of comments, options and keywords
+    rows = []  # of numbers
     for line in text.splitlines():
         content = line.partition("!")[0].strip()
         if not content or content[0] in "#[":
             head.append(line)
         else:
             rows.append(content.split())
-    return head, rows
-
-
-def _tones_in(rows: list[list[str]], ports: int) -> list[list[str]]:
-    """Return the numbers of every tone, which may go over several rows."""
+    if not any(line.lstrip().startswith("#") for line in head):
+        notes.append(
+            "it has no option line: frequencies are taken in GHz, numbers as magnitude and degrees "
+            "of S, as the standard has it"
+        )
+    ending = _PORTS.fullmatch(path.suffix)
+    ports = int(ending[1]) if ending else 0
+    if not 1 <= ports <= 999:
+        raise ValueError(
+            f"the ending must tell the number of ports, such as .s2p, got {path.suffix!r}"
+        )
+    noise = 0
+    while ports == 2 and len(rows) > 1 and len(rows[-1]) == _NOISE:
+        rows.pop()
+        noise += 1
     size = 1 + 2 * ports**2  # the frequency, and two numbers for each parameter
     numbers = [number for row in rows for number in row]
     if len(numbers) % size or not numbers:
         raise ValueError(
             f"its numbers must be {size} for every tone of {ports} ports, got {len(numbers)}"
         )
-    return [numbers[begin : begin + size] for begin in range(0, len(numbers), size)]
+    tones = [numbers[begin : begin + size] for begin in range(0, len(numbers), size)]
+    ordered = sorted(tones, key=lambda tone: float(tone[0]))
+    _note_noise(noise, notes)
+    if ordered != tones:
+        notes.append(f"its {len(tones)} tones do not rise: they are put in the order of frequency")
+    elif not noise:
+        return TouchstoneText(text, path, len(tones))
+    lines = head + [" ".join(tone) for tone in ordered]
+    return TouchstoneText("\n".join(lines) + "\n", path, len(tones))
 
 
-def _noise_lines(text: str) -> int:
-    """Count the lines of noise parameters of version 2, behind the keyword Noise Data."""
-    _, keyword, rest = text.lower().partition("[noise data]")
-    if not keyword:
-        return 0
-    lines = rest.partition("[end]")[0].splitlines()
-    return sum(bool(line.partition("!")[0].strip()) for line in lines)
-
-
-def _ports_of(path: Path) -> int:
-    """Return the number of ports that the ending states."""
-    ending = _PORTS.fullmatch(path.suffix)
-    if ending is None or not 1 <= int(ending[1]) <= 999:
-        raise ValueError(
-            f"the ending must tell the number of ports, such as .s2p, got {path.suffix!r}"
-        )
-    return int(ending[1])
+def _note_noise(lines: int, notes: Notes) -> None:
+    """Add a note of the lines of noise parameters, if there are any."""
+    if lines:
+        notes.append(f"{lines} lines of noise parameters are not read")
 
 
 class TouchstoneReader(Reader):
@@ -147,7 +125,7 @@ class TouchstoneReader(Reader):
 
     def open_arrays(self, path: Path, limit: int) -> ArrayFile:
         """Open the scattering parameters, all and one by one."""
-        notes: list[str] = []
+        notes: Notes = []
         library = optional("skrf", "vna")
         text = touchstone_text(path, notes)
         network = library.Network()
@@ -159,11 +137,9 @@ class TouchstoneReader(Reader):
                 f"it holds {text.tones} tones, of which the scikit-rf library reads {frequency.size}"
             )
         arrays = {"frequency": frequency, "s": parameters}
-        ports = network.nports
-        separator = "" if ports < 10 else "_"
-        for row in range(ports):
-            for column in range(ports):
-                arrays[f"s{row + 1}{separator}{column + 1}"] = parameters[:, row, column]
+        separator = "" if network.nports < 10 else "_"
+        for row, column in np.ndindex(parameters.shape[1:]):
+            arrays[f"s{row + 1}{separator}{column + 1}"] = parameters[:, row, column]
         units = dict.fromkeys(arrays, "1") | {"frequency": "Hz"}
         return ArrayFile(path, self.kind, *from_memory(arrays, units), limit, [], notes)
 

@@ -7,7 +7,6 @@ from flgpr_exchange.gpr.parts import (
     DAY,
     Header,
     MissingHeaderError,
-    count_records,
     equal_steps,
     exact_floats,
     gather_of_separations,
@@ -17,6 +16,7 @@ from flgpr_exchange.gpr.parts import (
     measured_distance,
     numbers_in,
     read_header,
+    read_records,
 )
 
 
@@ -24,9 +24,9 @@ def test_a_header_is_found_in_any_case_and_names_what_it_lacks(tmp_path):
     (tmp_path / "A.Rad").write_text("Samples: 12,5 points\nno entry\n")
     head = read_header(tmp_path / "a.rd3", ".rad", ":", [])
     assert head.number("SAMPLES", 0, 100) == 12.5
-    assert head.number("STEP", 0, 1, needed=False) is None
+    assert head.number("STEP", 0, 1) is None
     with pytest.raises(ValueError, match=r"A\.Rad must hold STEP, which it does not"):
-        head.number("STEP", 0, 1)
+        head.needed("STEP", 0, 1)
     with pytest.raises(ValueError, match="SAMPLES must be a number from 0 to 10, got '12,5'"):
         head.number("SAMPLES", 0, 10)
     with pytest.raises(MissingHeaderError, match=r"its header b\.rad must lie beside it"):
@@ -58,7 +58,8 @@ def test_traces_are_counted_before_anything_is_read(tmp_path):
     path = tmp_path / "a.bin"
     path.write_bytes(bytes(10 + 3 * 8 + 5))
     notes = []
-    assert count_records(path, 10, 8, 9, notes, 1000, 2) == 3
+    trace = np.dtype(("<i2", 4))
+    assert read_records(path, 10, trace, 9, notes, 1000).shape == (3, 4)
     assert notes == [
         "the last trace is cut off and left out (5 of 8 bytes)",
         "truncated: the header tells 9 traces, the file holds 3",
@@ -66,9 +67,9 @@ def test_traces_are_counted_before_anything_is_read(tmp_path):
     with pytest.raises(
         ValueError, match="at least one trace of 50 bytes after 10, the file has 39"
     ):
-        count_records(path, 10, 50, None, [], 1000, 2)
+        read_records(path, 10, np.dtype(("<i2", 25)), None, [], 1000)
     with pytest.raises(ValueError, match=r"must fit into 4e-08 GB, its traces take 4\.8e-08 GB"):
-        count_records(path, 10, 8, None, [], 40, 2)
+        read_records(path, 10, trace, None, [], 40)
 
 
 def test_every_count_is_exact_in_floating_point():

@@ -8,8 +8,8 @@ from formats.test_draft_units import file_of
 
 
 def found(**arrays):
-    info, imaginary = find_signal(file_of(**arrays))
-    return (None if info is None else info.name), imaginary
+    field = find_signal(file_of(**arrays))
+    return (None, None) if field is None else (field.info.name, field.imaginary)
 
 
 def test_the_largest_complex_array_goes_before_larger_real_ones():

@@ -5,7 +5,7 @@ import pytest
 
 from flgpr.formats import explain_files
 from flgpr.formats.arrays import LIMIT
-from flgpr.formats.draft_groups import group_files
+from flgpr.formats.draft_arrays import group_files
 
 
 def test_files_that_do_not_belong_together_are_refused(tmp_path):

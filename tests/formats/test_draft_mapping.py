@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flgpr.formats.arrays import LIMIT
-from flgpr.formats.draft_groups import group_files
+from flgpr.formats.draft_arrays import group_files
 from flgpr.formats.draft_mapping import MappingDraft
 from flgpr.formats.draft_roles import Roles
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from flgpr.formats.draft_names import COMPONENTS, RECEIVER, TRANSMITTER, component_of
+from flgpr.formats.draft_arrays import COMPONENTS, RECEIVER, TRANSMITTER, component_of
 
 
 def test_a_word_of_a_name_is_a_whole_word():

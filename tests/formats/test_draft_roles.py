@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from flgpr.formats.arrays import LIMIT
-from flgpr.formats.draft_groups import FileGroup, group_files
+from flgpr.formats.draft_arrays import FileGroup, group_files
 from flgpr.formats.draft_roles import Roles
 from formats.test_draft_units import file_of
 

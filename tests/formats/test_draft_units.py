@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flgpr.formats.arrays import ArrayFile, ArrayInfo
-from flgpr.formats.draft_units import SMALL, is_fast_time, small_values, unit_of, unit_suffix
+from flgpr.formats.draft_arrays import SMALL, ArraySource, FileGroup, small_values, unit_suffix
 
 
 def file_of(**arrays):
@@ -13,6 +13,11 @@ def file_of(**arrays):
         name: ArrayInfo(name, values.shape, str(values.dtype)) for name, values in arrays.items()
     }
     return ArrayFile("a.npz", "arrays", infos, arrays.__getitem__)
+
+
+def source(opened, info):
+    """Make an array of a group of that file alone."""
+    return ArraySource(FileGroup("data", [], opened), info)
 
 
 @pytest.mark.parametrize(
@@ -37,12 +42,12 @@ def test_a_unit_may_end_a_name(name, unit):
 )
 def test_what_a_file_states_is_no_guess(stated, usual, unit):
     opened = file_of(a=np.ones(2))
-    assert unit_of(opened, ArrayInfo("a", (2,), "float64", stated), usual) == unit
+    assert source(opened, ArrayInfo("a", (2,), "float64", stated)).unit(usual) == unit
 
 
 def test_a_stated_unit_of_another_kind_is_not_taken():
     opened = file_of(a=np.ones(2))
-    assert unit_of(opened, ArrayInfo("a", (2,), "float64", "kg"), "m") == "m?"
+    assert source(opened, ArrayInfo("a", (2,), "float64", "kg")).unit("m") == "m?"
 
 
 @pytest.mark.parametrize(
@@ -60,14 +65,14 @@ def test_a_stated_unit_of_another_kind_is_not_taken():
 )
 def test_a_size_gives_a_guess_with_a_question_mark(name, usual, largest, unit):
     opened = file_of(**{name: np.array([0.0, largest])})
-    assert unit_of(opened, opened.arrays[name], usual) == unit
+    assert source(opened, opened.arrays[name]).unit(usual) == unit
 
 
 def test_times_of_samples_are_known_by_unit_or_size():
     opened = file_of(t_ns=np.array([1e9]), short=np.array([0.0, 5e-8]), clock=np.array([0.0, 9.0]))
-    assert is_fast_time(opened, opened.arrays["t_ns"])
-    assert is_fast_time(opened, opened.arrays["short"])
-    assert not is_fast_time(opened, opened.arrays["clock"])
+    assert source(opened, opened.arrays["t_ns"]).is_fast_time()
+    assert source(opened, opened.arrays["short"]).is_fast_time()
+    assert not source(opened, opened.arrays["clock"]).is_fast_time()
 
 
 def test_large_and_damaged_arrays_are_not_read():
@@ -78,4 +83,4 @@ def test_large_and_damaged_arrays_are_not_read():
     opened = ArrayFile("a.h5", "arrays", infos, read)
     assert small_values(opened, infos["a"]) is None
     assert small_values(opened, infos["b"]) is None
-    assert unit_of(opened, infos["a"], "Hz") == "GHz?"
+    assert source(opened, infos["a"]).unit("Hz") == "GHz?"

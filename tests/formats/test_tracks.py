@@ -139,6 +139,13 @@ def test_nmea_heading_of_a_dual_antenna_is_turned_to_the_lane(anchor, tmp_path):
     np.testing.assert_allclose(np.degrees(track["heading"]), 20, atol=0.01)
 
 
+@pytest.mark.filterwarnings("ignore:invalid value encountered:RuntimeWarning")
+def test_nmea_that_an_anchor_refuses_is_named(anchor, tmp_path):
+    log = put("".join(gga(k, 9.0, 95.0) for k in range(3)), tmp_path / "pole.nmea")
+    with pytest.raises(ValueError, match=r"pole\.nmea: "):
+        read_nmea(log, anchor)
+
+
 def test_nmea_of_poor_quality_or_damaged(anchor, tmp_path):
     places = on_the_ellipsoid(WAY)
     poor = put(

@@ -166,7 +166,7 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "store/files.py _open_alone": ({"open"}, JUST_WRITTEN),
     "store/files.py _write_under_own_name": ({"open"}, JUST_WRITTEN),
     "geo/geotiff.py _cloud_optimized": ({"open"}, JUST_WRITTEN),
-    "flgpr_exchange/sigmf/writing.py _write_samples": ({"open"}, JUST_WRITTEN),
+    "flgpr_exchange/sigmf/writing.py write_sigmf": ({"open"}, JUST_WRITTEN),
     "store/outputs.py _hold": ({"open"}, LOCKED),
     "store/outputs.py _hold_beside": ({"open"}, LOCKED),
     "store/run_writer.py RunWriter._write_piece": ({"read_bytes"}, JUST_WRITTEN),

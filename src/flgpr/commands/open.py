@@ -179,7 +179,7 @@ def _questions(mapping: str) -> Iterator[str]:
 def _draw(files: Sequence[Path], picture: Path) -> Path | None:
     """Draw the array that seems to be the signal; where it is too large, nothing."""
     from flgpr.formats.array_file import LIMIT
-    from flgpr.formats.draft_groups import group_files
+    from flgpr.formats.draft_arrays import group_files
     from flgpr.formats.draft_roles import Roles
     from flgpr.report.images import opened_figure
     from flgpr.report.kit import figure_png

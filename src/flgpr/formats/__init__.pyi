@@ -17,11 +17,11 @@ from flgpr.formats.tracks import read_survey as read_survey
 from flgpr.formats.tracks import read_track as read_track
 from flgpr_exchange.cphd.phase_history import read_cphd as read_cphd
 from flgpr_exchange.cphd.phase_history import write_cphd as write_cphd
-from flgpr_exchange.gpr.channels import channels_run as channels_run
-from flgpr_exchange.gpr.channels import preview_run as preview_run
 from flgpr_exchange.gpr.files import is_gpr as is_gpr
 from flgpr_exchange.gpr.files import read_gpr as read_gpr
+from flgpr_exchange.gpr.line_run import channels_run as channels_run
 from flgpr_exchange.gpr.line_run import gpr_run as gpr_run
+from flgpr_exchange.gpr.line_run import preview_run as preview_run
 from flgpr_exchange.gpr.survey import LineLayout as LineLayout
 from flgpr_exchange.gpr.survey import place_by_marks as place_by_marks
 from flgpr_exchange.gpr.survey import read_line_ends as read_line_ends

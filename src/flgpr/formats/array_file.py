@@ -18,6 +18,8 @@ LIMIT = MAX_MEMORY
 """Largest array that is read, bytes, unless another limit is given."""
 PAIRS = (("real", "imag"), ("re", "im"), ("r", "i"))
 """Names of the fields of a record that is a complex number."""
+DAMAGED = "it is damaged or of another kind"
+"""What is to be said of a file at whose arrays a parser fails."""
 NUMBERS_AND_TEXT = "fciubUS"
 """Kinds of NumPy types that are read."""
 
@@ -78,7 +80,7 @@ class ArrayFile:
                 f"{self.path}: {name} must hold at most {self.limit / 1e9:g} GB, "
                 f"got shape {info.shape} of {info.dtype}, {size / 1e9:.3g} GB"
             )
-        with faults_of_parser(self.path, self.kind):
+        with faults_of_parser(self.path, f"a {self.kind}: {DAMAGED}"):
             values = _as_complex(np.asarray(self._read(name)))
         if values.dtype.kind not in NUMBERS_AND_TEXT:
             raise ValueError(f"{self.path}: {name} must hold numbers or text, got {values.dtype}")
@@ -86,17 +88,20 @@ class ArrayFile:
 
 
 @contextmanager
-def faults_of_parser(path: Path, kind: str) -> Iterator[None]:
-    """Turn whatever a parser raises on a damaged file into one ValueError that names the file."""
+def faults_of_parser(
+    path: Path, what: str, passed: tuple[type[Exception], ...] = ()
+) -> Iterator[None]:
+    """Turn whatever a parser raises on a damaged file into one ValueError that names the file.
+
+    Errors that are ``passed`` stay as they are, as those of a package that is missing do.
+    """
     try:
         yield
-    except MissingExtraError:
-        raise
     except Exception as error:
-        message = " ".join(str(error).split())[:200] or type(error).__name__
-        raise ValueError(
-            f"{path}: cannot be read as a {kind}: it is damaged or of another kind ({message})"
-        ) from None
+        if isinstance(error, (MissingExtraError, *passed)):
+            raise
+        message = " ".join(str(error).split())[:240] or type(error).__name__
+        raise ValueError(f"{path}: cannot be read as {what}: {message}") from None
 
 
 Opened = tuple[dict[str, ArrayInfo], Callable[[str], Any]]

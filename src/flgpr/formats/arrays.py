@@ -23,6 +23,7 @@ from flgpr.archive import Archive, array_bytes, npy_header
 from flgpr.budget import Budget
 from flgpr.door import check_expansion, open_named
 from flgpr.formats.array_file import (
+    DAMAGED,
     LIMIT,
     NUMBERS_AND_TEXT,
     PAIRS,
@@ -33,10 +34,10 @@ from flgpr.formats.array_file import (
     from_memory,
 )
 from flgpr.formats.child import LARGEST_PROBED, oversized_chunks
-from flgpr.formats.reader import Reader, reader_of, readers
+from flgpr.formats.reader import reader_of, readers
 from flgpr.store.files import existing
 from flgpr.store.text_tables import read_text_table
-from flgpr.types import Arrays
+from flgpr.types import Arrays, Notes
 
 _CHILD = Path(__file__).with_name("child.py")
 _PATIENCE = 120.0  # s
@@ -77,39 +78,24 @@ def open_arrays(path: str | Path, limit: int = LIMIT) -> ArrayFile:
     path = existing(path)
     is_hdf5 = h5py.is_hdf5(path)
     reader = None if is_hdf5 else reader_of(path, "arrays")
+    if reader is None or not reader.is_stream:
+        size = path.stat().st_size
+        if size > limit:
+            raise ValueError(
+                f"{path}: a file must hold at most {limit / 1e9:g} GB, got {size / 1e9:.3g} GB"
+            )
     if reader is not None:
-        return _opened_by(reader, path, limit)
-    kind, opener = ("HDF5 file", _open_hdf5) if is_hdf5 else _format_of(path)
-    _check_size(path, limit)
-    about: list[str] = []
-    notes: list[str] = []
-    with faults_of_parser(path, kind):
-        infos, read = opener(path, limit, about, notes)
-    return _not_empty(ArrayFile(path, kind, infos, read, limit, about, notes))
-
-
-def _opened_by(reader: Reader, path: Path, limit: int) -> ArrayFile:
-    """Open a file by the reader to which it belongs."""
-    if not reader.is_stream:
-        _check_size(path, limit)
-    with faults_of_parser(path, reader.kind):
-        opened = reader.open_arrays(path, limit)
-    return _not_empty(opened)
-
-
-def _check_size(path: Path, limit: int) -> None:
-    """Refuse a file of more bytes than a limit."""
-    size = path.stat().st_size
-    if size > limit:
-        raise ValueError(
-            f"{path}: a file must hold at most {limit / 1e9:g} GB, got {size / 1e9:.3g} GB"
-        )
-
-
-def _not_empty(opened: ArrayFile) -> ArrayFile:
-    """Return a file that holds an array or states something."""
+        with faults_of_parser(path, f"a {reader.kind}: {DAMAGED}"):
+            opened = reader.open_arrays(path, limit)
+    else:
+        kind, opener = ("HDF5 file", _open_hdf5) if is_hdf5 else _format_of(path)
+        about: list[str] = []
+        notes: Notes = []
+        with faults_of_parser(path, f"a {kind}: {DAMAGED}"):
+            infos, read = opener(path, limit, about, notes)
+        opened = ArrayFile(path, kind, infos, read, limit, about, notes)
     if not opened.arrays and not opened.about:
-        raise ValueError(f"{opened.path}: this {opened.kind} holds no array")
+        raise ValueError(f"{path}: this {opened.kind} holds no array")
     return opened
 
 
@@ -169,50 +155,44 @@ def _in_child(library: str, *arguments: object, stdout: Any = subprocess.DEVNULL
 
 def _open_hdf5(path: Path, _: int, about: list[str], *_notes: list[str]) -> Opened:
     """Open an HDF5 file, after a child process has read it."""
-    damaged = _damaged_in_hdf5(path)
+    # Why arrays cannot be read, by the ``repr`` of their names.
+    with tempfile.TemporaryFile() as file:
+        _in_child("HDF5", path, stdout=file)
+        file.seek(0)
+        lines = file.read().decode(errors="replace").splitlines()
+    damaged = dict(line.split("\t", 1) for line in lines)
     infos: dict[str, ArrayInfo] = {}
-    visited: set[str] = set()
 
     def visit(name: str, item: Any) -> None:
         if not isinstance(item, h5py.Dataset) or name.startswith("#"):
             return
-        visited.add(repr(name))
+        reason = damaged.pop(repr(name), "")
         if item.shape is None:
             about.append(f"{name}: empty")
             return
-        reason = damaged.get(repr(name)) or _why_unreadable(item.dtype)
+        reason = reason or _why_unreadable(item.dtype)
         if reason:
             about.append(f"{name}: not read: {reason}")
-        else:
-            infos[name] = _info_of(name, item)
+            return
+        shape = item.shape[::-1] if _MATLAB in item.attrs else item.shape
+        kind = "text" if h5py.check_string_dtype(item.dtype) else str(item.dtype)
+        unit = ""
+        for attribute in reversed(_UNIT_NAMES):  # the first that can be read
+            with suppress(KeyError, OSError, TypeError, ValueError, RuntimeError):
+                stated = item.attrs[attribute]
+                is_bytes = isinstance(stated, bytes)
+                unit = stated.decode(errors="replace") if is_bytes else str(stated)
+        infos[name] = ArrayInfo(name, tuple(map(int, shape)), kind, unit)
 
     with h5py.File(path, "r") as file:
         file.visititems(visit)
-    for name, reason in damaged.items():
-        if name not in visited:
-            about.append(f"{name[1:-1]}: not read: {reason}")
+    about += [f"{name[1:-1]}: not read: {reason}" for name, reason in damaged.items()]
 
     def read(name: str) -> Any:
         with h5py.File(path, "r") as file:
             return _read_hdf5(name, file[name])
 
     return infos, read
-
-
-def _damaged_in_hdf5(path: Path) -> dict[str, str]:
-    """Return why arrays of an HDF5 file cannot be read, by the ``repr`` of their names."""
-    with tempfile.TemporaryFile() as file:
-        _in_child("HDF5", path, stdout=file)
-        file.seek(0)
-        lines = file.read().decode(errors="replace").splitlines()
-    return dict(line.split("\t", 1) for line in lines)
-
-
-def _info_of(name: str, item: Any) -> ArrayInfo:
-    """Return what is known of an HDF5 array."""
-    shape = item.shape[::-1] if _MATLAB in item.attrs else item.shape
-    kind = "text" if h5py.check_string_dtype(item.dtype) else str(item.dtype)
-    return ArrayInfo(name, tuple(map(int, shape)), kind, _unit_of(item))
 
 
 def _read_hdf5(name: str, item: Any) -> Any:
@@ -257,18 +237,6 @@ def check_dataset(name: str, item: Any) -> None:
         raise ValueError(f"{name} cannot be read: {reason}")
 
 
-def _unit_of(item: Any) -> str:
-    """Return the unit that an attribute of an HDF5 array states.
-
-    It is empty if there is none, or none that can be read.
-    """
-    for name in _UNIT_NAMES:
-        with suppress(KeyError, OSError, TypeError, ValueError, RuntimeError):
-            unit = item.attrs[name]
-            return unit.decode(errors="replace") if isinstance(unit, bytes) else str(unit)
-    return ""
-
-
 def _why_unreadable(kind: np.dtype[Any]) -> str:
     """Return why values of a type of HDF5 are neither numbers nor text; empty if they are."""
     if h5py.check_string_dtype(kind):
@@ -279,9 +247,8 @@ def _why_unreadable(kind: np.dtype[Any]) -> str:
         return "rows of different lengths"
     if kind.names:
         are_numbers = all(kind[name].kind in "fiu" for name in kind.names)
-        if are_numbers and {name.lower() for name in kind.names} in _COMPLEX_PAIRS:
-            return ""
-        return f"records of {', '.join(kind.names)}"
+        is_complex = {name.lower() for name in kind.names} in _COMPLEX_PAIRS
+        return "" if are_numbers and is_complex else f"records of {', '.join(kind.names)}"
     return "" if kind.kind in NUMBERS_AND_TEXT else f"values of type {kind}"
 
 
@@ -303,11 +270,11 @@ def _open_npz(path: Path, limit: int, about: list[str], *_notes: list[str]) -> O
     """Open an archive of NumPy."""
     with open_named(path) as file:
         archive = Archive(file, _ALL_ARRAYS * limit)
-    for name, reason in archive.passed_over.items():
-        about.append(f"{name}: not read: {reason}")
-    infos = {}
-    for name, member in archive.members.items():
-        infos[name] = ArrayInfo(name, member.shape, str(member.dtype))
+    about += [f"{name}: not read: {reason}" for name, reason in archive.passed_over.items()]
+    infos = {
+        name: ArrayInfo(name, member.shape, str(member.dtype))
+        for name, member in archive.members.items()
+    }
 
     def read(name: str) -> Any:
         with open_named(path) as file:
@@ -343,14 +310,13 @@ def _open_npy(path: Path, _: int, about: list[str], *_notes: list[str]) -> Opene
     return arrays, read
 
 
-def _open_text(path: Path, _: int, _about: list[str], notes: list[str]) -> Opened:
-    """Open a table of text."""
-    return from_memory(read_text_table(path, notes))
-
-
 _FORMATS: tuple[tuple[str, str, _Opener], ...] = (
     (r"\.mat", "MATLAB file", _open_mat),
     (r"\.npz", "NumPy archive", _open_npz),
     (r"\.npy", "NumPy array", _open_npy),
-    (r"\.(csv|txt|dat|tsv)", "table of numbers", _open_text),
+    (
+        r"\.(csv|txt|dat|tsv)",
+        "table of numbers",
+        lambda path, _, __, notes: from_memory(read_text_table(path, notes)),
+    ),
 )

@@ -15,18 +15,28 @@ from typing import Any
 import numpy as np
 
 from flgpr.formats.array_file import ArrayFile
-from flgpr.formats.draft_arrays import find_polar, find_signal
-from flgpr.formats.draft_groups import ArraySource, FileGroup
-from flgpr.formats.draft_names import TIME
-from flgpr.formats.draft_places import Antennas, Places
+from flgpr.formats.draft_arrays import TIME, ArraySource, FileGroup, Places, find_signal
 from flgpr.formats.draft_roles import Roles
 from flgpr.model.printable import printable
 from flgpr.model.units import UNITS
 from flgpr.toml_text import InlineTable, toml_lines
+from flgpr.types import Entries
 
 _CHECK = "What ends in a question mark is a guess: check it and take the mark away."
 _IN_LANE = "the vehicle in the lane frame; heading is clockwise from +y seen from above"
 _IN_VEHICLE = "in the vehicle frame: x right, y forward, z up"
+_ORIENTATION = "of x forward, y left, z up"
+_COMMENTS = {
+    "signal.magnitude": "dB (decibels) or linear",
+    "samples.meaning": "delay, range (one way) or path (there and back)",
+    "samples.band": "first and last frequency to keep",
+    "frequency.span": "first and last tone",
+    "time.span": "of the first and the last scan, on the clock of the fixes",
+    "track.clock_offset": "the track's clock less the radar's, s; flgpr.calibrate finds it",
+    "pose.orientation": _ORIENTATION,
+    "track.orientation": _ORIENTATION,
+}
+"""What stands beside an entry wherever a draft has it."""
 
 
 def draft_of_file(opened: ArrayFile) -> str:
@@ -42,8 +52,7 @@ def draft_of_file(opened: ArrayFile) -> str:
     str
         The mapping, TOML; empty if no array of the file can be the signal.
     """
-    signal, _ = find_signal(opened)
-    if signal is None and find_polar(opened) is None:
+    if find_signal(opened) is None:
         return ""
     roles = Roles([FileGroup("data", [opened.path], opened)])
     return MappingDraft(roles, opened.path.parent).text()
@@ -58,8 +67,8 @@ class MappingDraft:
     def __init__(self, roles: Roles, folder: Path) -> None:
         self.roles = roles
         self.folder = folder
-        self.tables: dict[str, Any] = {}
-        self.comments: dict[str, str] = {}
+        self.tables: Entries = {}
+        self.comments = dict(_COMMENTS)
         self.named = {roles.data.key}  # groups of which the mapping names an array
 
     def text(self) -> str:
@@ -75,7 +84,7 @@ class MappingDraft:
         dims = roles.dims()
         self.tables |= {"title": title, "polarization": roles.labels}
         self._add_join(dims)
-        files: dict[str, Any] = {}
+        files: Entries = {}
         self.tables["files"] = files  # filled at the end: whose arrays are named
         self._add_signal(dims)
         self._add_axis()
@@ -107,9 +116,8 @@ class MappingDraft:
         elif any(antennas.sides for antennas in roles.antennas.values()):
             join = "pair?"
             meaning = "each file has places of its own"
-        elif roles.places is not None:
-            is_certain = roles.places.count == count or roles.places.holds("time")
-            join = join if is_certain else f"{join}?"
+        elif roles.places and roles.places.count != count and not roles.places.holds("time"):
+            join = f"{join}?"
         self.tables["join"] = join
         self.comments["join"] = f"{count} files: {meaning}"
 
@@ -121,30 +129,23 @@ class MappingDraft:
             return names[0]
         folder = group.paths[0].parent
         pattern = re.sub(r"\d+", "*", group.paths[0].name)
-        matching = {path.name for path in folder.glob(pattern)}
-        if matching == {path.name for path in group.paths}:
+        if set(folder.glob(pattern)) == set(group.paths):
             return os.path.relpath(folder / pattern, start)
         return names
 
     def _add_signal(self, dims: list[str]) -> None:
         """Add the table of the signal."""
         roles = self.roles
-        entries: dict[str, Any] = {"variable": roles.signal.name}
-        if roles.imaginary:
-            entries["imaginary"] = roles.imaginary
-        if roles.polar is not None:
-            entries |= {
-                "magnitude": f"{roles.polar.form}?",
-                "phase": roles.polar.phase.name,
-                "phase_unit": f"{roles.polar.unit}?",
-            }
-            self.comments["signal.magnitude"] = "dB (decibels) or linear"
+        field = roles.field
+        entries: Entries = {"variable": roles.signal.name}
+        if field.imaginary:
+            entries["imaginary"] = field.imaginary
+        if field.phase:
+            phase = {"phase": field.phase, "phase_unit": f"{field.unit}?"}
+            entries |= {"magnitude": f"{field.form}?", **phase}
         self._add_table("signal", "", **entries, dims=dims)
         comment = f"of {' x '.join(map(str, roles.sizes))}"
-        is_complex = bool(roles.imaginary or roles.polar) or roles.signal.dtype.startswith(
-            "complex"
-        )
-        if roles.axis is None and not is_complex:
+        if roles.axis is None and not field.is_complex:
             comment += "; interleaved = true if real and imaginary parts alternate"
             comment += ", shape = [-1, 1] of a flat record"
         self.comments["signal.dims"] = comment
@@ -154,10 +155,10 @@ class MappingDraft:
         self.named.add(group.key)
         return {} if group is self.roles.data else {"file": group.key}
 
-    def _variable(self, source: ArraySource, usual: str) -> dict[str, Any]:
-        """Return the entries that name an array, and its unit."""
-        name = source.info.name
-        return {**self._file(source.group), "variable": name, "unit": source.unit(usual)}
+    def _variable(self, source: ArraySource, usual: str = "") -> Entries:
+        """Return the entries that name an array, and its unit, which is asked for by its usual."""
+        entries = {**self._file(source.group), "variable": source.info.name}
+        return entries | ({"unit": source.unit(usual)} if usual else {})
 
     def _add_axis(self) -> None:
         """Add the table of the tones or of the samples."""
@@ -173,12 +174,9 @@ class MappingDraft:
             is_length = entries["unit"].rstrip("?") in UNITS["length"]
             entries["meaning"] = "range?" if is_length else "delay?"
             self._add_table("samples", "", **entries, band=[], band_unit="GHz")
-            self.comments["samples.meaning"] = "delay, range (one way) or path (there and back)"
-            self.comments["samples.band"] = "first and last frequency to keep"
         else:
             comment = "no array looks like the tones; variable = NAME does as well"
             self._add_table("frequency", comment, span=["?", "?"], unit="GHz")
-            self.comments["frequency.span"] = "first and last tone"
 
     def _add_antennas(self, dims: list[str]) -> None:
         """Add the tables of the antennas' positions."""
@@ -186,7 +184,13 @@ class MappingDraft:
         if {"tx", "rx"} <= set(antennas):
             antennas = {side: antennas[side] for side in ("tx", "rx")}
         for side, found in list(antennas.items())[:2]:
-            entries = self._antenna_entries(found)
+            entries: Entries
+            if found.values is not None:
+                entries = {"values": found.values.tolist()}
+            elif found.sides:
+                entries = dict(zip("xyz", (one.info.name for one in found.sides), strict=True))
+            else:
+                entries = self._variable(found.source)
             is_in_lane = found.scans is not None
             frame = {"frame": "lane?"} if is_in_lane else {}
             comment = "" if is_in_lane else _IN_VEHICLE
@@ -194,20 +198,11 @@ class MappingDraft:
             self._add_table(name, comment, found.reason, **entries, unit=found.unit, **frame)
         if antennas:
             return
-        if {"pair", "pair?", "tx", "tx?", "rx", "rx?"} & set(dims):
+        if {"pair", "tx", "rx"} & {name.rstrip("?") for name in dims}:
             comment = f"{_IN_VEHICLE}; no array holds as many places as there are antennas"
             self._add_table("antenna_position", comment, values=[["?", "?", "?"]], unit="m")
         else:
             self._add_table("antenna_position", _IN_VEHICLE, x="0?", y="0?", z="0?", unit="m")
-
-    def _antenna_entries(self, antennas: Antennas) -> dict[str, Any]:
-        """Return the entries that name or hold positions."""
-        if antennas.values is not None:
-            return {"values": antennas.values.tolist()}
-        if antennas.sides:
-            names = [source.info.name for source in antennas.sides]
-            return dict(zip("xyz", names, strict=True))
-        return {**self._file(antennas.source.group), "variable": antennas.source.info.name}
 
     def _add_places(self, scans: int | None) -> None:
         """Add the tables that state where the vehicle was."""
@@ -222,7 +217,7 @@ class MappingDraft:
         if is_pose and any(antennas.scans for antennas in roles.antennas.values()):
             return  # positions per scan are in the lane frame, and poses follow from them
         if places is None:
-            unknown: dict[str, Any] = {"x": "?", "y": "?", "z": "?", "unit": "m"}
+            unknown: Entries = {"x": "?", "y": "?", "z": "?", "unit": "m"}
             angles = {"heading": "?", "pitch": "0?", "roll": "0?", "angle_unit": "deg"}
             comment = f"{_IN_LANE}; no array tells where it was"
             self._add_table("pose", comment, **unknown, **angles)
@@ -239,9 +234,10 @@ class MappingDraft:
             form = form or "position"
             entries = {"time": self._fix_time(places), form: InlineTable(file | position)}
             fixes = f"{places.count} fixes of {scans or 'an unknown number of'} scans"
-            offset = "the track's clock less the radar's, s; flgpr.calibrate finds it"
-            self.comments["track"] = f"{fixes}: a track on its own clock"
-            self.comments |= {f"track.{form}": comment, "track.clock_offset": offset}
+            self.comments |= {
+                "track": f"{fixes}: a track on its own clock",
+                f"track.{form}": comment,
+            }
         self.tables[table] = entries | self._attitude(places, table)
         if not is_pose:
             self.tables[table]["clock_offset"] = 0.0
@@ -250,33 +246,28 @@ class MappingDraft:
         """Return the entry of the times of fixes, and add the scans' times if they are missing."""
         roles = self.roles
         if roles.stamp is None:
-            comment = "the radar's time of every scan"
             stamp = roles.find_axis(TIME, roles.sizes)
-            if stamp is not None:
-                self._add_table("time", comment, **self._variable(stamp, "s"))
-            else:
-                self._add_table("time", comment, span=["?", "?"], unit="s")
-                span = "of the first and the last scan, on the clock of the fixes"
-                self.comments["time.span"] = span
+            unknown = {"span": ["?", "?"], "unit": "s"}
+            entries = unknown if stamp is None else self._variable(stamp, "s")
+            self._add_table("time", "the radar's time of every scan", **entries)
         if places.holds("time"):
             return InlineTable(self._variable(places.columns["time"], "s"))
         self.comments["track.time"] = "no column of times"
         return InlineTable(values=["?"], unit="s")
 
-    def _position(self, places: Places) -> tuple[str, dict[str, Any], str]:
+    def _position(self, places: Places) -> tuple[str, Entries, str]:
         """Return the name of the entry of positions, empty for x, y and z apart; it; a comment."""
         columns = places.columns
         if places.are_geodetic:
-            names: dict[str, Any] = {name: columns[name].info.name for name in places.form}
-            unit = "m?"
-            names["height"] = _component(places, "z")
-            if places.holds("z"):
-                names["height"] = columns["z"].info.name
-                unit = columns["z"].unit("m")
-            if places.is_table:
-                unit = unit.replace("m?", "m")  # as receivers tell heights
-            degrees = _degrees(columns["longitude"], columns["latitude"])
-            entry = {**names, "above_ground": "?", "angle_unit": degrees, "unit": unit}
+            unit = columns["z"].unit("m") if places.holds("z") else "m?"
+            entry = {
+                **{name: columns[name].info.name for name in places.form},
+                "height": columns["z"].info.name if places.holds("z") else _component(places, "z"),
+                "above_ground": "?",
+                "angle_unit": _degrees(columns["longitude"], columns["latitude"]),
+                # As receivers tell heights.
+                "unit": unit.replace("m?", "m") if places.is_table else unit,
+            }
             comment = "above_ground: height of the positioning antenna, in place of the receiver's"
             return "geodetic", entry, f"{comment}; needs --anchor, or --anchor-from-track"
         if places.holds("position"):
@@ -287,29 +278,29 @@ class MappingDraft:
         if not set("xyz") & set(columns):
             return "", {"x": "?", "y": "?", "z": "?", "unit": "m"}, ""
         unit, reason = self.roles.position_unit()
-        sides = {axis: _component(places, axis) for axis in "xyz"}
-        return "", {**sides, "unit": unit}, reason
+        return "", {**{axis: _component(places, axis) for axis in "xyz"}, "unit": unit}, reason
 
-    def _attitude(self, places: Places, table: str) -> dict[str, Any]:
+    def _attitude(self, places: Places, table: str) -> Entries:
         """Return the entries of heading, pitch and roll, or of a rotation."""
         columns = places.columns
         if places.holds("position") and columns["position"].info.shape[1] == 6:
             return {"angle_unit": "rad?"}
         if places.holds("orientation"):
-            rotation = columns["orientation"]
-            variable = {**self._file(places.group), "variable": rotation.info.name}
-            self.comments[f"{table}.orientation"] = "of x forward, y left, z up"
-            return {"orientation": InlineTable(variable, body=["-y?", "x?", "z?"])}
+            rotation = self._variable(columns["orientation"])
+            return {"orientation": InlineTable(rotation, body=["-y?", "x?", "z?"])}
         entries = {name: _component(places, name) for name in ("heading", "pitch", "roll")}
         found = [columns[name] for name in entries if name in columns]
         if "heading" not in columns and (places.form or places.holds("y")):
             entries["heading"] = "course?"
             self.comments[f"{table}.heading"] = "along the way"
         if table == "track" and places.are_geodetic and places.is_table:
-            for name in entries:
-                if name in columns:
-                    entries[name] = InlineTable(self._file(places.group), variable=entries[name])
-        units = {source.unit(_usual_angle(source, places)) for source in found}
+            for name in set(entries) & set(columns):
+                entries[name] = InlineTable(self._file(places.group), variable=entries[name])
+        # Angles without a unit are in degrees, where radians do not reach as far.
+        units = {
+            one.unit("deg" if places.is_table or one.largest() > 2 * np.pi else "rad")
+            for one in found
+        }
         unit = units.pop() if len(units) == 1 else "?" if units else "deg"
         return {**entries, "angle_unit": unit}
 
@@ -334,8 +325,3 @@ def _degrees(longitude: ArraySource, latitude: ArraySource) -> str:
         return unit
     is_beyond = latitude.largest() > np.pi / 2 or longitude.largest() > np.pi
     return "deg" if is_beyond else unit
-
-
-def _usual_angle(source: ArraySource, places: Places) -> str:
-    """Return the unit that angles without one are in, rather."""
-    return "deg" if places.is_table or source.largest() > 2 * np.pi else "rad"

@@ -13,15 +13,11 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import combinations
 from operator import itemgetter
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.formats.array_file import ArrayInfo
-from flgpr.formats.draft_arrays import PolarSignal, find_polar, find_signal, labels_of
-from flgpr.formats.draft_groups import TABLES, ArraySource, FileGroup
-from flgpr.formats.draft_names import (
+from flgpr.formats.draft_arrays import (
     ANTENNA,
     CLOCK,
     FREQUENCY,
@@ -29,13 +25,19 @@ from flgpr.formats.draft_names import (
     RECEIVER,
     ROTATION,
     SAMPLES,
+    TABLES,
     TIME,
     TRANSMITTER,
     WAY,
+    Antennas,
+    ArraySource,
+    Field,
+    FileGroup,
+    Places,
     component_of,
+    find_signal,
+    labels_of,
 )
-from flgpr.formats.draft_places import Antennas, Places
-from flgpr.formats.draft_units import is_fast_time
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.units import UNITS
 from flgpr.types import FloatArray
@@ -47,18 +49,10 @@ _LONGEST_STEP = 50.0  # m from scan to scan
 _SHORTEST_STEP = 0.02
 _PER_SCAN = ("of every scan", 0)
 _COMPLEX_WEIGHT = 10  # by which complex arrays go before real ones: a table is no field
+_SIDES = {"tx": "transmitters", "rx": "receivers"}
 _KINDS = {"t": "tx", "s": "tx", "r": "rx", "e": "rx"}
 """Kinds of antennas by the first letters of their words, also of sender and Empfänger."""
 _POINT_COLUMNS = (2, 3, 6)  # of a position per row: with a height, with three angles
-
-
-class _Signal(NamedTuple):
-    """The measured field: its group of files, its array, and that of its imaginary part."""
-
-    group: FileGroup
-    info: ArrayInfo
-    imaginary: str | None
-    polar: PolarSignal | None = None
 
 
 class Roles:
@@ -69,12 +63,12 @@ class Roles:
 
     def __init__(self, groups: list[FileGroup]) -> None:
         self.groups = groups
-        self.data, self.signal, self.imaginary, self.polar = self._find_signal()
+        self.data, self.field = self._find_signal()
         self.data.key = "data"
-        source = ArraySource(self.data, self.signal)
-        self.topic = source.topic  #: of the signal in a recording
-        phase = self.polar.phase.name if self.polar else None
-        self.used = {("data", name) for name in (self.signal.name, self.imaginary, phase) if name}
+        self.signal = self.field.info
+        self.topic = ArraySource(self.data, self.signal).topic  #: of the signal in a recording
+        parts = (self.signal.name, self.field.imaginary, self.field.phase)
+        self.used = {("data", name) for name in parts if name}
         self.sizes = list(self.signal.shape)
         self.frequency = self.find_axis(FREQUENCY, self.sizes)
         self.samples, self.are_samples = self._find_samples()
@@ -87,28 +81,23 @@ class Roles:
         self.stamp = self.find_axis(TIME, self.scan_sizes, [self.data])
         self.labels = labels_of(self.data.opened, self.sizes)
 
-    def _find_signal(self) -> _Signal:
-        """Find the largest array that can be the measured field."""
-        candidates: list[tuple[int, _Signal]] = []
+    def _find_signal(self) -> tuple[FileGroup, Field]:
+        """Find the largest array that can be the measured field, and its group of files."""
+        candidates = []
         for group in self.groups:
-            info, imaginary = find_signal(group.opened)
-            is_complex = info is not None and (imaginary or info.dtype.startswith("complex"))
-            polar = None if is_complex else find_polar(group.opened)
-            if polar is not None:
-                size = _COMPLEX_WEIGHT * math.prod(polar.magnitude.shape) * len(group.paths)
-                candidates.append((size, _Signal(group, polar.magnitude, None, polar)))
-            elif info is not None:
-                size = math.prod(info.shape) * len(group.paths)
-                if imaginary is not None or info.dtype.startswith("complex"):
-                    size *= _COMPLEX_WEIGHT
-                candidates.append((size, _Signal(group, info, imaginary)))
+            field = find_signal(group.opened)
+            if field is not None:
+                size = math.prod(field.info.shape) * len(group.paths)
+                weight = _COMPLEX_WEIGHT if field.is_complex else 1
+                candidates.append((size * weight, group, field))
         if not candidates:
             names = ", ".join(group.paths[0].name for group in self.groups)
             raise ValueError(
                 "one of the files must hold a signal, an array of many numbers, "
                 f"got none in {names}"
             )
-        return max(candidates, key=itemgetter(0))[1]
+        _, data, field = max(candidates, key=itemgetter(0))
+        return data, field
 
     def _unused(self, groups: Sequence[FileGroup] = ()) -> list[ArraySource]:
         """Return the arrays that are nothing yet.
@@ -116,13 +105,13 @@ class Roles:
         In a recording those of the signal's topic go first, and the times at which messages were
         recorded last.
         """
-        sources = []
-        for group in groups or self.groups:
-            repeated = group.opened.repeated
-            for info in group.opened.arrays.values():
-                says_again = repeated and info.name.startswith(repeated)
-                if not says_again and (group.key, info.name) not in self.used:
-                    sources.append(ArraySource(group, info))
+        sources = [
+            ArraySource(group, info)
+            for group in groups or self.groups
+            for info in group.opened.arrays.values()
+            if not (group.opened.repeated and info.name.startswith(group.opened.repeated))
+            and (group.key, info.name) not in self.used
+        ]
         return sorted(sources, key=lambda one: (one.topic != self.topic, one.is_log_time))
 
     def _take(self, source: ArraySource) -> ArraySource:
@@ -154,11 +143,8 @@ class Roles:
             return None, True
         unused = self._unused()
         delays = [source for source in unused if source.is_called(SAMPLES)]
-        times = []
-        for source in unused:
-            if "time" in source.label and not CLOCK.search(source.label):
-                times.append(source)
-        fast = [time for time in times if is_fast_time(time.group.opened, time.info)]
+        times = [one for one in unused if "time" in one.label and not CLOCK.search(one.label)]
+        fast = [time for time in times if time.is_fast_time()]
         slow = [time for time in times if time.group is self.data or not _tells_places(time.group)]
         for sources, are_certain in ((delays, True), (fast, True), (slow, False)):
             for sizes in (self.sizes[-1:], self.sizes):
@@ -217,11 +203,9 @@ class Roles:
     def _antennas_beside_signal(self) -> dict[str, Antennas]:
         """Return the x, y and z that lie in the signal's own structure or group."""
         inside = re.match(r".*[./]", self.signal.name)
-        if inside is None or self.topic:
-            return {}
         arrays = self.data.opened.arrays
-        names = [f"{inside[0]}{axis}" for axis in "xyz"]
-        if not set(names) <= set(arrays):
+        names = [f"{inside[0]}{axis}" for axis in "xyz"] if inside and not self.topic else []
+        if not names or not set(names) <= set(arrays):
             return {}
         sides = [self._take(ArraySource(self.data, arrays[name])) for name in names]
         unit = sides[0].unit("m")
@@ -234,28 +218,27 @@ class Roles:
         """
         for group in self.groups:
             for source, points in self._point_lists(group):
-                stated = _kinds_in(group, len(points))
-                kinds = self._kinds_by_order(len(points)) if stated is None else stated
-                sides = {side: points[kinds == side] for side in ("tx", "rx")}
-                if not all(len(rows) in self.sizes for rows in sides.values()):
-                    continue
+                kinds = _kinds_in(group, len(points))
                 unit, reason = self._length_unit(source, points)
-                tx, rx = sides["tx"], sides["rx"]
-                if stated is None:
-                    guess = f"{unit.rstrip('?')}?"
-                    return {
-                        "tx": Antennas(
-                            source, len(tx), guess, "transmitters first in the list?", tx
-                        ),
-                        "rx": Antennas(source, len(rx), unit, "the rest of the list", rx),
-                    }
                 start = f"{reason}, " if reason else ""
-                why_tx = f"{start}of the rows that are called transmitters"
-                why_rx = f"{start}of the rows that are called receivers"
-                return {
-                    "tx": Antennas(source, len(tx), unit, why_tx, tx),
-                    "rx": Antennas(source, len(rx), unit, why_rx, rx),
+                units = {side: unit for side in _SIDES}
+                reasons = {
+                    side: f"{start}of the rows that are called {name}"
+                    for side, name in _SIDES.items()
                 }
+                if kinds is None:
+                    kinds = self._kinds_by_order(len(points))
+                    units["tx"] = f"{unit.rstrip('?')}?"
+                    reasons = {
+                        "tx": "transmitters first in the list?",
+                        "rx": "the rest of the list",
+                    }
+                found = {}
+                for side in _SIDES:
+                    rows = points[kinds == side]
+                    found[side] = Antennas(source, len(rows), units[side], reasons[side], rows)
+                if all(antennas.count in self.sizes for antennas in found.values()):
+                    return found
         return {}
 
     def _kinds_by_order(self, count: int) -> NDArray[np.str_]:
@@ -297,9 +280,7 @@ class Roles:
         # direction.
         unit, _ = self.frequency_unit()
         lowest = float(np.min(self.frequency.numbers())) * UNITS["frequency"][unit.rstrip("?")]
-        half_wavelength = 0.5 * SPEED_OF_LIGHT / lowest
-        spread_if_cm = 0.01 * spread
-        if spread > _LONGEST_ARRAY or spread_if_cm >= half_wavelength:
+        if spread > _LONGEST_ARRAY or 0.01 * spread >= 0.5 * SPEED_OF_LIGHT / lowest:
             return stated, ""
         reason = (
             f"by their spread of {spread:.3g}: in cm the array would be below half a wavelength"
@@ -318,10 +299,10 @@ class Roles:
     def _find_places(self) -> Places | None:
         """Find the arrays of where the vehicle was, all of one file."""
         # The x, y and z of a list of antennas are no track.
-        of_antennas = {id(antennas.source.group) for antennas in self.antennas.values()}
+        of_antennas = [antennas.source.group for antennas in self.antennas.values()]
         found = []
         for group in self.groups:
-            if group is self.data or id(group) not in of_antennas:
+            if group is self.data or not any(group is one for one in of_antennas):
                 found += self._places_in(group)
         best = max(found, key=Places.precedence, default=None)
         if best is not None:
@@ -332,7 +313,7 @@ class Roles:
 
     def _places_in(self, group: FileGroup) -> list[Places]:
         """Return what a group tells of the vehicle: arrays per scan, or of another length."""
-        ranked: list[tuple[int, str, ArraySource]] = []
+        ranked = []
         for source in self._unused([group]):
             component = self._component(source)
             if component is not None:
@@ -354,14 +335,16 @@ class Roles:
 
     def _component(self, source: ArraySource) -> tuple[str, int] | None:
         """Return what an array tells of the vehicle, and how plainly its name says so."""
+        label = source.label
         if self._is_position(source):
-            return "position", 0 if POSITION.search(source.label) else 1
+            return "position", 0 if POSITION.search(label) else 1
+        is_rotation = ROTATION.search(label) is not None
         if len(source.info.shape) == 2 and source.info.shape[1] == 4:
-            return ("orientation", 0) if ROTATION.search(source.label) else None
-        if not source.is_vector or ANTENNA.search(source.label):
+            return ("orientation", 0) if is_rotation else None
+        if not source.is_vector or ANTENNA.search(label):
             return None
-        component = component_of(source.label)
-        if component is not None and not ROTATION.search(source.label):
+        component = component_of(label)
+        if component is not None and not is_rotation:
             return component
         return ("time", 0) if source.is_called(TIME) else None
 
@@ -396,11 +379,11 @@ class Roles:
         if _has_scans(names) or not unnamed:
             return
         files = len(self.data.paths)
+        is_certain = len(unnamed) == 1 and not any(map(_is_guess, names))
         for number in unnamed:
-            if self.places is not None and self.sizes[number] * files == self.places.count:
-                are_others_certain = len(unnamed) == 1 and not any(map(_is_guess, names))
-                is_only = self.sizes.count(self.sizes[number]) == 1
-                names[number] = "scan" if is_only or are_others_certain else "scan?"
+            size = self.sizes[number]
+            if self.places is not None and size * files == self.places.count:
+                names[number] = "scan" if is_certain or self.sizes.count(size) == 1 else "scan?"
                 return
         if len(unnamed) == 1:
             names[unnamed[0]] = "scan?"
@@ -417,28 +400,25 @@ class Roles:
 
     def _unnamed_axes(self, names: list[str], count: int) -> list[int]:
         """Return the numbers of the axes of that length that have no name yet."""
-        axes = []
-        for number, size in enumerate(self.sizes):
-            if size == count and not names[number]:
-                axes.append(number)
-        return axes
+        axes = enumerate(zip(self.sizes, names, strict=True))
+        return [number for number, (size, name) in axes if size == count and not name]
 
     def _name_antenna_axes(self, names: list[str]) -> None:
         """Name the axes of transmitters and receivers, or of pairs."""
         for found in self.antennas.values():
             if found.scans is not None:
                 self._name_axis(names, found.scans, "scan")
-        tx = self.antennas.get("tx")
-        rx = self.antennas.get("rx")
-        free = [size for size, name in zip(self.sizes, names, strict=True) if not name]
-        if tx is not None and rx is not None:
-            if tx.count * rx.count > 1 and Counter([tx.count, rx.count]) <= Counter(free):
-                self._name_axis(names, tx.count, "tx")
-                self._name_axis(names, rx.count, "rx")
-            elif tx.count * rx.count > 1:
-                self._name_axis(names, tx.count, "pair", -1)
-        elif self.antennas:
-            count = next(iter(self.antennas.values())).count
+        counts = {side: found.count for side, found in self.antennas.items()}
+        free = Counter(size for size, name in zip(self.sizes, names, strict=True) if not name)
+        if set(_SIDES) <= set(counts):
+            tx, rx = (counts[side] for side in _SIDES)
+            if tx * rx > 1 and Counter([tx, rx]) <= free:
+                self._name_axis(names, tx, "tx")
+                self._name_axis(names, rx, "rx")
+            elif tx * rx > 1:
+                self._name_axis(names, tx, "pair", -1)
+        elif counts:
+            count = next(iter(counts.values()))
             axes = self._unnamed_axes(names, count)
             # With two axes of that length, of which none has the scans, every antenna sends, and
             # every one receives.

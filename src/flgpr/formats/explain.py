@@ -13,10 +13,9 @@ import numpy as np
 
 from flgpr.formats.array_file import LIMIT, ArrayFile, ArrayInfo
 from flgpr.formats.arrays import open_arrays
-from flgpr.formats.draft_groups import group_files
+from flgpr.formats.draft_arrays import SMALL, group_files
 from flgpr.formats.draft_mapping import MappingDraft, draft_of_file
 from flgpr.formats.draft_roles import Roles
-from flgpr.formats.draft_units import SMALL
 from flgpr.formats.reader import Explanation, reader_of, readers
 from flgpr.store.files import existing
 
@@ -53,10 +52,8 @@ def explain_file(path: str | Path, limit: int = LIMIT) -> Explanation:
     opened = open_arrays(path, limit)
     for layout in readers():
         if layout.within == opened.kind and layout.owns(path, b""):
-            told = layout.explain(path, limit)
-            if told is not None:
-                return told
-    return Explanation(path, opened.kind, array_lines(opened), draft_of_file(opened))
+            told = told or layout.explain(path, limit)
+    return told or Explanation(path, opened.kind, array_lines(opened), draft_of_file(opened))
 
 
 def explain_files(
@@ -93,10 +90,8 @@ def explain_files(
     for group in groups:
         first = group.paths[0]
         count = len(group.paths)
-        if count == 1:
-            lines.append(f"{first.name} ({group.opened.kind})")
-        else:
-            lines.append(f"{count} files like {first.name} ({group.opened.kind}), each")
+        kind = f"{first.name} ({group.opened.kind})"
+        lines.append(kind if count == 1 else f"{count} files like {kind}, each")
         lines += [f"  {line}" for line in explain_file(first, limit).lines]
     folder = files[0].parent if mapping is None else Path(mapping).parent
     draft = MappingDraft(Roles(groups), folder)
@@ -141,9 +136,7 @@ def array_lines(opened: ArrayFile) -> list[str]:
 def _line(opened: ArrayFile, info: ArrayInfo) -> str:
     """Return in words what an array is, and where its values lie."""
     shape = " x ".join(map(str, info.shape)) or "one value"
-    text = f"{info.name}: {shape} {info.dtype}"
-    if info.unit:
-        text += f" [{info.unit}]"
+    text = f"{info.name}: {shape} {info.dtype}" + (f" [{info.unit}]" if info.unit else "")
     if math.prod(info.shape) > SMALL:
         return text
     try:
@@ -152,11 +145,11 @@ def _line(opened: ArrayFile, info: ArrayInfo) -> str:
         return f"{text}, not read: {str(error).removeprefix(f'{opened.path}: ')}"
     if values.dtype.kind not in "fciu" or not values.size:
         return text
-    is_complex = np.iscomplexobj(values)
-    numbers = np.abs(values) if is_complex else values.astype(np.float64)
-    finite = numbers[np.isfinite(numbers)]
+    quantity = ""
+    if np.iscomplexobj(values):
+        values, quantity = np.abs(values), "magnitude "
+    finite = values[np.isfinite(values)].astype(np.float64)
     if finite.size:
-        quantity = "magnitude " if is_complex else ""
         text += f", {quantity}{finite.min():.6g} to {finite.max():.6g}"
     bad = values.size - finite.size
     return text + (f", {bad} not finite" if bad else "")

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -26,10 +25,11 @@ from flgpr.model import (
     empty_table,
     make_run,
 )
+from flgpr.model.frames import rigid_array
 from flgpr.model.printable import printable
 from flgpr.store.files import existing
 from flgpr.store.store_layout import MAX_MEMORY
-from flgpr.types import AnyArray, Arrays
+from flgpr.types import Entries
 
 _ARRAYS = ("data", "frequency_hz", "polarisation", "tx_xyz_m", "rx_xyz_m")
 _LARGEST_MOTION = 1e-6  # m, of antennas in an array that keeps its form
@@ -65,96 +65,56 @@ def import_fullwave(path: str | Path, max_memory: int = MAX_MEMORY) -> FullwaveL
         If an array is missing, shapes do not agree, or the array of antennas changes its form.
     """
     path = existing(path, "full-wave archive")
-    arrays = _load(path, max_memory)
-    data = arrays["data"]
-    tx = arrays["tx_xyz_m"]
-    rx = arrays["rx_xyz_m"]
-    _check_shapes(path, data, tx, rx)
-
-    origin = tx.mean(axis=1)
-    local_tx = tx - origin[:, None]
-    local_rx = rx - origin[:, None]
-    _check_motion(path, local_tx, local_rx)
-
-    scans, transmitters, receivers, polarizations, tones = data.shape
-    shape = (scans, polarizations, transmitters * receivers, tones)
-    signal = data.transpose(0, 3, 1, 2, 4).reshape(shape)
-    pose = np.zeros((scans, 6))
-    pose[:, :3] = origin
-
-    attrs: dict[str, Any] = {"source": "full-wave (FDTD) lane", "title": printable(path.stem)}
-    truth = parse_json(str(arrays["truth"])) if "truth" in arrays else None
-    if truth is not None and "soil_eps" in truth:
-        attrs["soil"] = {
-            "permittivity": float(truth["soil_eps"]),
-            "conductivity": float(truth.get("soil_sigma", 0.0)),
-        }
-    # Pairs run over the receivers of the first transmitter, then of the second.
-    run = make_run(
-        signal,
-        arrays["frequency_hz"],
-        arrays["polarisation"],
-        np.repeat(local_tx[0], receivers, axis=0),
-        np.tile(local_rx[0], (transmitters, 1)),
-        pose,
-        attrs=attrs,
-    )
-    if truth is None:
-        return FullwaveLane(run, None, None)
-    return FullwaveLane(run, _truth_table(truth), _object_table(truth))
-
-
-def _load(path: Path, max_memory: int) -> Arrays:
-    """Read the arrays of an archive."""
     opened = open_arrays(path, max_memory)
     missing = [name for name in _ARRAYS if name not in opened.arrays]
     if missing:
         raise ValueError(
             f"{path}: the archive must hold {', '.join(_ARRAYS)}; missing: {', '.join(missing)}"
         )
-    return {name: opened.read(name) for name in (*_ARRAYS, "truth") if name in opened.arrays}
+    data, frequency, polarization, tx, rx = map(opened.read, _ARRAYS)
+    shapes = [(*data.shape[:1], count, 3) for count in data.shape[1:3]]
+    if data.ndim != 5 or [tx.shape, rx.shape] != shapes:
+        raise ValueError(
+            f"{path}: data must be (scan, tx, rx, polarization, frequency) with tx_xyz_m "
+            f"(scan, tx, 3) and rx_xyz_m (scan, rx, 3), got {data.shape}, {tx.shape}, {rx.shape}"
+        )
+    local_tx, local_rx, pose, moved = rigid_array(tx, rx)
+    if moved > _LARGEST_MOTION:
+        raise ValueError(
+            f"{path}: the array must keep its form and heading from scan to scan, "
+            "it moves by more than 1 µm"
+        )
+
+    scans, transmitters, receivers, polarizations, tones = data.shape
+    shape = (scans, polarizations, transmitters * receivers, tones)
+    signal = data.transpose(0, 3, 1, 2, 4).reshape(shape)
+    attrs: Entries = {"source": "full-wave (FDTD) lane", "title": printable(path.stem)}
+    truth = parse_json(str(opened.read("truth"))) if "truth" in opened.arrays else None
+    if truth is not None and "soil_eps" in truth:
+        attrs["soil"] = {
+            "permittivity": float(truth["soil_eps"]),
+            "conductivity": float(truth.get("soil_sigma", 0.0)),
+        }
+    # Pairs run over the receivers of the first transmitter, then of the second.
+    tx_of_pair = np.repeat(local_tx, receivers, axis=0)
+    rx_of_pair = np.tile(local_rx, (transmitters, 1))
+    run = make_run(signal, frequency, polarization, tx_of_pair, rx_of_pair, pose, attrs=attrs)
+    if truth is None:
+        return FullwaveLane(run, None, None)
+    return FullwaveLane(run, _truth_table(truth), _object_table(truth))
 
 
-def _check_shapes(path: Path, data: AnyArray, tx: AnyArray, rx: AnyArray) -> None:
-    """Refuse arrays whose shapes do not agree."""
-    if data.ndim == 5:
-        scans, transmitters, receivers = data.shape[:3]
-        if tx.shape == (scans, transmitters, 3) and rx.shape == (scans, receivers, 3):
-            return
-    raise ValueError(
-        f"{path}: data must be (scan, tx, rx, polarization, frequency) with tx_xyz_m "
-        f"(scan, tx, 3) and rx_xyz_m (scan, rx, 3), got {data.shape}, {tx.shape}, {rx.shape}"
-    )
-
-
-def _check_motion(path: Path, tx: AnyArray, rx: AnyArray) -> None:
-    """Refuse antennas (scan, antenna, 3) that move against the vehicle."""
-    for antennas in (tx, rx):
-        if np.abs(antennas - antennas[0]).max() > _LARGEST_MOTION:
-            raise ValueError(
-                f"{path}: the array must keep its form and heading from scan to scan, "
-                "it moves by more than 1 µm"
-            )
-
-
-def _truth_table(truth: dict[str, Any]) -> pd.DataFrame:
+def _truth_table(truth: Entries) -> pd.DataFrame:
     """Return the mines of a world as a table of truth."""
+    sizes = {name: truth.get(f"mine_{name}_m", np.nan) for name in ("radius", "height")}
     rows = []
     for number, (kind, x, y, depth) in enumerate(truth.get("mines", []), start=1):
-        row = {
-            "target_id": f"mine-{number}",
-            "x": x,
-            "y": y,
-            "kind": kind,
-            "depth": depth,
-            "radius": truth.get("mine_radius_m", np.nan),
-            "height": truth.get("mine_height_m", np.nan),
-        }
-        rows.append(row)
+        row = {"target_id": f"mine-{number}", "x": x, "y": y, "kind": kind, "depth": depth}
+        rows.append(row | sizes)
     return check_truth(pd.DataFrame(rows)) if rows else empty_table(TRUTH_COLUMNS)
 
 
-def _object_table(truth: dict[str, Any]) -> pd.DataFrame:
+def _object_table(truth: Entries) -> pd.DataFrame:
     """Return the rocks and posts of a world as a table of objects."""
     rows = []
     for kind, size_name in (("rock", "radius"), ("post", "height")):

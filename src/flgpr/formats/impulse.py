@@ -53,7 +53,16 @@ def impulse_to_frequency(
     step = _step_of(axis, values.shape)
     if carrier and not np.iscomplexobj(values):
         raise ValueError("carrier is for complex samples, got real ones")
-    _check_band(band, 0.5 / step, carrier)
+    nyquist = 0.5 / step
+    lowest = max(carrier - nyquist, 0.0) if carrier else 0.0
+    if not lowest < band[0] < band[1] <= carrier + nyquist:
+        limits = f"0 and the Nyquist frequency {nyquist:g} Hz"
+        if carrier:
+            limits = (
+                f"{carrier - nyquist:g} and {carrier + nyquist:g} Hz, "
+                "which the samples about the carrier hold"
+            )
+        raise ValueError(f"band must lie between {limits}, got {band}")
     if pad < 1:
         raise ValueError(f"pad must be at least 1, got {pad}")
 
@@ -88,18 +97,6 @@ def _step_of(axis: FloatArray, shape: tuple[int, ...]) -> float:
             "delay must increase in equal steps (within 1 %), got an uneven or falling axis"
         )
     return step
-
-
-def _check_band(band: tuple[float, float], nyquist: float, carrier: float) -> None:
-    """Refuse a band, Hz, that samples of a Nyquist frequency, about a carrier if any, lack."""
-    lowest = carrier - nyquist if carrier else 0.0
-    highest = carrier + nyquist
-    if max(lowest, 0.0) < band[0] < band[1] <= highest:
-        return
-    limits = f"0 and the Nyquist frequency {nyquist:g} Hz"
-    if carrier:
-        limits = f"{lowest:g} and {highest:g} Hz, which the samples about the carrier hold"
-    raise ValueError(f"band must lie between {limits}, got {band}")
 
 
 def negative_share(samples: ArrayLike) -> float:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -18,7 +18,6 @@ from flgpr.formats.mapping import (
     Mapping,
     PathOffset,
     Positions,
-    Quantity,
     Samples,
     Signal,
     factor,
@@ -28,10 +27,11 @@ from flgpr.formats.poses import read_poses, read_track_table
 from flgpr.formats.sources import Sources, plausible
 from flgpr.model import SPEED_OF_LIGHT, check_frequency, make_run
 from flgpr.model.faults import faults_of
+from flgpr.model.frames import rigid_array
 from flgpr.model.phase import lengthen
 from flgpr.model.track import poses_at
 from flgpr.store.files import natural_order
-from flgpr.types import AnyArray, ArrayLike, FloatArray, floats
+from flgpr.types import AnyArray, ArrayLike, Entries, FloatArray, floats
 
 if TYPE_CHECKING:
     from flgpr.geo.anchor import Anchor
@@ -109,7 +109,9 @@ def import_mapped(
         If there is no file of a name.
     """
     table = mapping if isinstance(mapping, Mapping) else read_mapping(mapping)
-    data_files = _paths_of(data)
+    data_files = []
+    if data is not None:
+        data_files = list(map(Path, [data] if isinstance(data, (str, Path)) else data))
     folders = []
     if folder is not None:
         folders.append(Path(folder))
@@ -126,24 +128,10 @@ def import_mapped(
         importer.sources.anchor_from_track = anchor_from_track
         return importer.run()
     except ValueError as error:
-        if isinstance(mapping, Mapping) or _names_a_file(str(error), files):
+        all_paths = (str(path) for paths in files.values() for path in paths)
+        if isinstance(mapping, Mapping) or any(path in str(error) for path in all_paths):
             raise
         raise ValueError(f"{mapping}: {error}") from None
-
-
-def _paths_of(data: str | Path | Sequence[str | Path] | None) -> list[Path]:
-    """Return the paths of one file, of several or of none."""
-    if data is None:
-        return []
-    if isinstance(data, (str, Path)):
-        return [Path(data)]
-    return [Path(path) for path in data]
-
-
-def _names_a_file(message: str, files: dict[str, list[Path]]) -> bool:
-    """Return whether a message names one of the files of a mapping."""
-    all_paths = [path for paths in files.values() for path in paths]
-    return any(str(path) in message for path in all_paths)
 
 
 def _files(mapping: Mapping, folders: list[Path], data_files: list[Path]) -> dict[str, list[Path]]:
@@ -152,9 +140,8 @@ def _files(mapping: Mapping, folders: list[Path], data_files: list[Path]) -> dic
     for name, entry in mapping.files.items():
         if name == "data" and data_files:
             continue
-        patterns = [entry] if isinstance(entry, str) else entry
         files[name] = []
-        for pattern in patterns:
+        for pattern in [entry] if isinstance(entry, str) else entry:
             files[name] += _files_of(pattern, folders, name)
     if data_files:
         files["data"] = data_files
@@ -218,12 +205,24 @@ class _Importer:
             self.notes.append("path offsets of the recorder undone")
 
         time = None
+        scans = signal.shape[0]
         if mapping.time is not None:
-            time = self._time(mapping.time, signal.shape[0])
-        pose, track = self._poses(time, origin, signal.shape[0])
-        self._note_missing(signal)
+            time = self.sources.vector(mapping.time, "time", "time", "scan", scans)
+            if time.size != scans:
+                with self.sources.entry("time", mapping.time.file):
+                    raise ValueError(
+                        f"time must have {scans} values, one for each scan, got {time.size}"
+                    )
+        pose, track = self._poses(time, origin, scans)
+        is_complete = np.isfinite(signal).all(axis=-1)
+        missing = int(np.count_nonzero(~is_complete))
+        if missing:
+            self.notes.append(
+                f"{missing} of {is_complete.size} sweeps hold values that are no numbers, "
+                "and count as missing"
+            )
 
-        attrs: dict[str, Any] = {
+        attrs: Entries = {
             "title": mapping.title,
             "source": mapping.source,
             "import_notes": self.notes,
@@ -233,16 +232,6 @@ class _Importer:
         with faults_of(self.files[mapping.signal.file][0]):
             run = make_run(signal, tones, mapping.polarization, tx, rx, pose, time, attrs)
         return Imported(run, track, self.notes, self.sources.anchor)
-
-    def _note_missing(self, signal: AnyArray) -> None:
-        """Count the sweeps of a signal (scan, polarization, pair, tone) that are incomplete."""
-        is_complete = np.isfinite(signal).all(axis=-1)
-        missing = int(np.count_nonzero(~is_complete))
-        if missing:
-            self.notes.append(
-                f"{missing} of {is_complete.size} sweeps hold values that are no numbers, "
-                "and count as missing"
-            )
 
     def _signal(self) -> tuple[AnyArray, dict[str, int]]:
         """Return the signal in a run's order, and the lengths of the axes that it has."""
@@ -309,16 +298,21 @@ class _Importer:
 
     def _ordered(self, signal: AnyArray, dims: list[str]) -> tuple[AnyArray, dict[str, int]]:
         """Bring the axes into a run's order; scan axes of a raster become one."""
-        signal, dims = _without_single_axes(signal, dims)
+        single = [axis for axis, name in enumerate(dims) if name == "single"]
+        if any(signal.shape[axis] != 1 for axis in single):
+            raise ValueError(
+                f"signal.dims: an axis called single must have length 1, got shape {signal.shape}"
+            )
+        signal = signal.squeeze(axis=tuple(single))
+        # Samples count as the frequencies that they become.
+        names = {"sample": "frequency"}
+        dims = [names.get(name, name) for name in dims if name != "single"]
         if self.mapping.signal.conjugate:
             signal = signal.conj()
             self.notes.append("phases turned round (the recorder's convention is exp(+j2πfL/c))")
 
-        order: list[int] = []
-        for name in _FILE_ORDER:
-            order += [axis for axis, dim in enumerate(dims) if dim == name]
+        order = sorted(range(len(dims)), key=lambda axis: _FILE_ORDER.index(dims[axis]))
         signal = signal.transpose(order)
-
         grid = signal.shape[: dims.count("scan")]
         self.sources.grid = grid
         if len(grid) > 1:
@@ -330,8 +324,7 @@ class _Importer:
         sizes = dict(zip(known, signal.shape, strict=True))
         if "tx" in sizes:
             sizes["pair"] = sizes["tx"] * sizes["rx"]
-        shape = [sizes.get(name, 1) for name in _ORDER]
-        return signal.reshape(shape), sizes
+        return signal.reshape([sizes.get(name, 1) for name in _ORDER]), sizes
 
     def _joined(self, blocks: list[AnyArray], dims: list[str]) -> AnyArray:
         """Return the signals of several files as one array."""
@@ -357,32 +350,32 @@ class _Importer:
             )
         return np.concatenate(blocks, axis=axis)
 
-    def _time(self, spec: Quantity, scans: int) -> FloatArray:
-        """Return the radar's time of every scan (scan,), s."""
-        time = self.sources.vector(spec, "time", "time", "scan", scans)
-        if time.size != scans:
-            with self.sources.entry("time", spec.file):
-                raise ValueError(
-                    f"time must have {scans} values, one for each scan, got {time.size}"
-                )
-        return time
-
     def _tones(self, signal: AnyArray) -> tuple[AnyArray, FloatArray]:
         """Return the signal over frequency, and its tones (frequency,), Hz."""
         count = signal.shape[-1]
         if self.mapping.frequency is not None:
-            return signal, self._stated_tones(self.mapping.frequency, count)
+            tones = self.sources.vector(
+                self.mapping.frequency, "frequency", "frequency", count=count
+            )
+            if tones.size != count:
+                raise ValueError(
+                    f"frequency must have {count} tones as the signal has, got {tones.size}"
+                )
+            check_frequency(np.sort(tones))
+            if tones.max() > _HIGHEST_FREQUENCY:
+                raise ValueError(
+                    f"frequency must be below {_HIGHEST_FREQUENCY:g} Hz, got {tones.max():g}: "
+                    "unit right?"
+                )
+            return signal, tones
         spec: Samples = self.mapping.samples  # type: ignore[assignment]  # Mapping sees to it
         kind = "time" if spec.meaning == "delay" else "length"
         stated = self.sources.vector(spec, kind, "samples", count=count)
         two_way = stated * _TWO_WAY[spec.meaning]
         delay = two_way if spec.meaning == "delay" else two_way / SPEED_OF_LIGHT
         scale = factor(spec.band_unit, "frequency", "samples.band_unit")
-        band = (spec.band[0] * scale, spec.band[1] * scale)
-        self.notes.append(
-            f"impulse data taken to frequency, {band[0] / 1e9:g} to {band[1] / 1e9:g} GHz"
-        )
-        carrier = spec.carrier * scale
+        low, high, carrier = (edge * scale for edge in (*spec.band, spec.carrier))
+        self.notes.append(f"impulse data taken to frequency, {low / 1e9:g} to {high / 1e9:g} GHz")
         if carrier:
             self.notes.append(f"samples are at baseband, mixed down by {carrier / 1e9:g} GHz")
         elif np.iscomplexobj(signal):
@@ -391,35 +384,25 @@ class _Importer:
                 f"signals, and {100 * negative_share(signal):.3g} % of their power, at negative "
                 "frequencies, is left out"
             )
-        spectrum, tones = impulse_to_frequency(signal, delay, band, spec.pad, carrier)
+        spectrum, tones = impulse_to_frequency(signal, delay, (low, high), spec.pad, carrier)
         window = float(np.diff(delay).mean()) * delay.size
         self.record = {"time_window_s": window, "first_sample_s": float(delay[0])}
         return spectrum, tones
 
-    def _stated_tones(self, spec: Quantity, count: int) -> FloatArray:
-        """Return the tones that the files state, Hz."""
-        tones = self.sources.vector(spec, "frequency", "frequency", count=count)
-        if tones.size != count:
-            raise ValueError(
-                f"frequency must have {count} tones as the signal has, got {tones.size}"
-            )
-        check_frequency(np.sort(tones))
-        if tones.max() > _HIGHEST_FREQUENCY:
-            raise ValueError(
-                f"frequency must be below {_HIGHEST_FREQUENCY:g} Hz, got {tones.max():g}: "
-                "unit right?"
-            )
-        return tones
-
     def _geometry(
         self, sizes: dict[str, int], shape: tuple[int, ...]
     ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-        """Return antenna positions (pair, 3) of transmitters and receivers, m, and an origin.
+        """Return antenna positions (pair, 3) of transmitters and receivers, m, and poses.
 
-        The origin (scan, 3) of the vehicle frame is that of positions in the lane frame, else None.
+        Poses (scan, 6) of the vehicle frame are those of positions in the lane frame, else None.
         """
         pairs = shape[2]
-        entries = self._antenna_entries()
+        names = ["tx_position", "rx_position"]  # Mapping sees to it that both are there, or:
+        if self.mapping.antenna_position is not None:
+            names = ["antenna_position"] * 2
+        entries: list[tuple[str, Positions]] = [
+            (name, getattr(self.mapping, name)) for name in names
+        ]
         in_lane = any(spec.frame == "lane" for _, spec in entries)
         sides = []
         for (name, spec), side in zip(entries, ("tx", "rx"), strict=True):
@@ -446,7 +429,19 @@ class _Importer:
         if in_lane:
             name, spec = entries[0]
             with self.sources.entry(name, spec.file):
-                tx, rx, origin = _rigid(tx, rx, shape[0])
+                scans = shape[0]
+                if any(points.ndim != 3 or len(points) != scans for points in (tx, rx)):
+                    raise ValueError(
+                        "positions in the lane frame must have the shape (scan, pair, 3) for "
+                        f"{scans} scans, got {tx.shape} and {rx.shape}"
+                    )
+                tx, rx, origin, moved = rigid_array(tx, rx)
+                if not moved <= _LARGEST_MOTION:
+                    raise ValueError(
+                        "positions in the lane frame must keep their form and heading from scan "
+                        f"to scan within 0.1 mm, they move by {moved:g} m; give pose and "
+                        "positions in the vehicle frame instead"
+                    )
         for (name, spec), points in zip(entries, (tx, rx), strict=True):
             if points.shape != (pairs, 3):
                 with self.sources.entry(name, spec.file):
@@ -455,13 +450,6 @@ class _Importer:
                         f"got {points.shape}"
                     )
         return tx, rx, origin
-
-    def _antenna_entries(self) -> list[tuple[str, Positions]]:
-        """Return names and tables of the positions of transmitters and of receivers."""
-        names = ["tx_position", "rx_position"]  # Mapping sees to it that both are there, or:
-        if self.mapping.antenna_position is not None:
-            names = ["antenna_position"] * 2
-        return [(name, getattr(self.mapping, name)) for name in names]
 
     def _offset(self, spec: PathOffset, shape: tuple[int, ...]) -> FloatArray:
         """Return the path, m, that the recorder subtracted, for (scan, polarization, pair)."""
@@ -473,9 +461,7 @@ class _Importer:
             raise ValueError(
                 f"path_offset must be one finite length or one for each of {count} {spec.along}s"
             )
-        if spec.along == "scan":
-            return values.reshape(-1, 1, 1)
-        return values.reshape(1, 1, -1)
+        return values.reshape((-1, 1, 1) if spec.along == "scan" else (1, 1, -1))
 
     def _poses(
         self, time: FloatArray | None, origin: FloatArray | None, scans: int
@@ -514,9 +500,7 @@ class _Importer:
                 "where the vehicle was is missing: give pose, or track, or positions with "
                 "frame = 'lane' in the mapping, or poses beside it"
             )
-        pose = np.zeros((scans, 6))
-        pose[:, :3] = origin
-        return pose, None
+        return origin, None
 
 
 def _same_shape(first: list[AnyArray], second: list[AnyArray], where: str) -> None:
@@ -528,23 +512,6 @@ def _same_shape(first: list[AnyArray], second: list[AnyArray], where: str) -> No
             )
 
 
-def _without_single_axes(signal: AnyArray, dims: list[str]) -> tuple[AnyArray, list[str]]:
-    """Return a signal without the axes called single, and the names of those that stay.
-
-    Samples count as the frequencies that they become.
-    """
-    single = tuple(axis for axis, name in enumerate(dims) if name == "single")
-    if any(signal.shape[axis] != 1 for axis in single):
-        raise ValueError(
-            f"signal.dims: an axis called single must have length 1, got shape {signal.shape}"
-        )
-    remaining = []
-    for name in dims:
-        if name != "single":
-            remaining.append("frequency" if name == "sample" else name)
-    return signal.squeeze(axis=single), remaining
-
-
 def _complex(values: AnyArray) -> AnyArray:
     """Return complex numbers of real and imaginary parts that alternate along the last axis."""
     if np.iscomplexobj(values) or not values.ndim or values.shape[-1] % 2:
@@ -552,24 +519,21 @@ def _complex(values: AnyArray) -> AnyArray:
             f"signal.interleaved asks for pairs of real numbers, got {values.dtype} {values.shape}"
         )
     # Counts of up to 16 bit are exact in single precision, which takes half the memory.
-    fits_single = values.dtype.itemsize <= 2 or values.dtype == np.float32
-    if fits_single:
-        single = np.ascontiguousarray(values.astype(np.float32))
-        return single.view(np.complex64)
-    double = np.ascontiguousarray(values.astype(np.float64))
-    return double.view(np.complex128)
+    if values.dtype.itemsize <= 2 or values.dtype == np.float32:
+        return np.ascontiguousarray(values, np.float32).view(np.complex64)
+    return np.ascontiguousarray(values, np.float64).view(np.complex128)
 
 
 def _of_polar(magnitude: AnyArray, phase: AnyArray, spec: Signal) -> AnyArray:
     """Return complex numbers of a magnitude, in dB or as it is, and a phase."""
     if np.iscomplexobj(magnitude) or np.iscomplexobj(phase):
         raise ValueError("signal.magnitude and signal.phase must hold real numbers")
-    size = magnitude.astype(np.float64)
+    size = floats(magnitude)
     if spec.magnitude == "dB":
         with np.errstate(over="ignore"):  # what is too large is refused with the signal
             size = 10.0 ** (size / 20)
     angle = np.radians(phase) if spec.phase_unit == "deg" else phase
-    return np.asarray(size * np.exp(1j * angle.astype(np.float64)), dtype=np.complex128)
+    return np.asarray(size * np.exp(1j * floats(angle)))
 
 
 def _of_parts(values: AnyArray, dims: list[str]) -> AnyArray:
@@ -592,29 +556,3 @@ def _shaped(values: AnyArray, shape: list[int]) -> AnyArray:
         raise ValueError(
             f"signal.shape must hold {values.size} values of {values.shape}, got {shape}"
         ) from None
-
-
-def _rigid(tx: FloatArray, rx: FloatArray, scans: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return positions in the vehicle frame of an array that keeps its form and heading.
-
-    ``tx`` and ``rx`` (scan, pair, 3) are in the lane frame. The origin (scan, 3) is the mean of the
-    transmitters.
-    """
-    if tx.ndim != 3 or rx.ndim != 3 or len(tx) != scans or len(rx) != scans:
-        raise ValueError(
-            f"positions in the lane frame must have the shape (scan, pair, 3) for {scans} scans, "
-            f"got {tx.shape} and {rx.shape}"
-        )
-    origin = tx.mean(axis=1)
-    tx = tx - origin[:, None]
-    rx = rx - origin[:, None]
-    moved_tx = float(np.abs(tx - tx[0]).max())
-    moved_rx = float(np.abs(rx - rx[0]).max())
-    moved = max(moved_tx, moved_rx)
-    if not moved <= _LARGEST_MOTION:
-        raise ValueError(
-            "positions in the lane frame must keep their form and heading from scan to scan "
-            f"within 0.1 mm, they move by {moved:g} m; give pose and positions in the vehicle "
-            "frame instead"
-        )
-    return tx[0], rx[0], origin

@@ -21,6 +21,11 @@ DIMS = ("scan", "polarization", "pair", "tx", "rx", "frequency", "sample", "comp
 """What an axis of the signal can be."""
 
 
+def _given(*entries: Any) -> int:
+    """Count the entries that are given."""
+    return sum(entry is not None for entry in entries)
+
+
 class _Table(BaseModel):
     """A table of a mapping: unknown entries are an error."""
 
@@ -68,8 +73,7 @@ class Quantity(_Table):
 
     @model_validator(mode="after")
     def _one_source(self) -> Quantity:
-        sources = (self.variable, self.values, self.span)
-        if sum(source is not None for source in sources) != 1:
+        if _given(self.variable, self.values, self.span) != 1:
             raise ValueError("give one of: variable, values or span")
         return self
 
@@ -95,12 +99,10 @@ class Positions(_Table):
 
     @model_validator(mode="after")
     def _one_source(self) -> Positions:
-        axes = [axis is not None for axis in (self.x, self.y, self.z)]
-        has_variable = self.variable is not None
-        forms = sum((has_variable, self.values is not None, all(axes)))
-        z_completes_variable = axes == [False, False, True] and has_variable
-        axes_have_a_use = any(axes) == (all(axes) or z_completes_variable)
-        if forms != 1 or not axes_have_a_use:
+        axes = _given(self.x, self.y, self.z)
+        z_completes_variable = axes == 1 and _given(self.z, self.variable) == 2
+        forms = _given(self.variable, self.values) + (axes == 3)
+        if forms != 1 or not (axes in (0, 3) or z_completes_variable):
             raise ValueError(
                 "give one of: variable (with z, if it has x and y alone), values, "
                 "or all of x, y and z"
@@ -132,29 +134,23 @@ class Signal(_Table):
 
     @model_validator(mode="after")
     def _known_dims(self) -> Signal:
-        unknown = [name for name in self.dims if name not in DIMS]
-        not_repeatable = [name for name in self.dims if name not in ("single", "scan")]
-        if unknown or len(set(not_repeatable)) != len(not_repeatable):
+        dims = self.dims
+        not_repeatable = [name for name in dims if name not in ("single", "scan")]
+        if not set(dims) <= set(DIMS) or len(set(not_repeatable)) != len(not_repeatable):
             raise ValueError(
-                f"dims must be of {', '.join(DIMS)}, none but scan and single twice, "
-                f"got {self.dims}"
+                f"dims must be of {', '.join(DIMS)}, none but scan and single twice, got {dims}"
             )
-        polar = (self.magnitude is not None, self.phase is not None, self.phase_unit is not None)
-        if any(polar) and not all(polar):
+        polar = _given(self.magnitude, self.phase, self.phase_unit)
+        if polar not in (0, 3):
             raise ValueError("magnitude, phase and phase_unit go together")
-        forms = (
-            self.interleaved, self.imaginary is not None, any(polar), "complex" in self.dims
-        )  # fmt: skip
-        if sum(forms) > 1:
+        if self.interleaved + _given(self.imaginary) + polar // 3 + ("complex" in dims) > 1:
             raise ValueError(
                 "give one of imaginary, interleaved, magnitude with phase, or complex in dims"
             )
-        if ("frequency" in self.dims) == ("sample" in self.dims):
-            raise ValueError(f"dims must hold either frequency or sample, got {self.dims}")
-        one_of_two = ("tx" in self.dims) != ("rx" in self.dims)
-        pairs_twice = "tx" in self.dims and "pair" in self.dims
-        if one_of_two or pairs_twice:
-            raise ValueError(f"dims must hold pair, or tx and rx together, got {self.dims}")
+        if ("frequency" in dims) == ("sample" in dims):
+            raise ValueError(f"dims must hold either frequency or sample, got {dims}")
+        if ("tx" in dims) != ("rx" in dims) or {"tx", "pair"} <= set(dims):
+            raise ValueError(f"dims must hold pair, or tx and rx together, got {dims}")
         return self
 
 
@@ -193,7 +189,7 @@ class Geodetic(_Table):
 
     @model_validator(mode="after")
     def _has_height(self) -> Geodetic:
-        if self.height is None and self.above_ground is None:
+        if not _given(self.height, self.above_ground):
             raise ValueError("give height, or above_ground")
         return self
 
@@ -216,14 +212,10 @@ class Orientation(_Table):
 
     @model_validator(mode="after")
     def _one_source(self) -> Orientation:
-        components = [entry is not None for entry in (self.x, self.y, self.z, self.w)]
-        has_variable = self.variable is not None
-        is_incomplete = any(components) != all(components)
-        if is_incomplete or all(components) == has_variable:
+        components = _given(self.x, self.y, self.z, self.w)
+        if components not in (0, 4) or components // 4 + _given(self.variable) != 1:
             raise ValueError("give either variable, or all of x, y, z and w")
-        has_order = self.euler is not None
-        has_unit = self.unit is not None
-        if has_order != has_unit or (has_order and not has_variable):
+        if _given(self.euler, self.unit) == 1 or (_given(self.euler) and components):
             raise ValueError("Euler angles are told by variable, euler and unit together")
         return self
 
@@ -272,11 +264,10 @@ class Poses(_VehiclePlace):
     def _one_place(self) -> Poses:
         coordinates = ("x", "y", "z", "unit")
         missing = [name for name in coordinates if getattr(self, name) is None]
-        has_coordinates = len(missing) < len(coordinates)
-        forms = (self.position is not None, self.geodetic is not None, has_coordinates)
-        if sum(forms) > 1:
+        forms = _given(self.position, self.geodetic)
+        if forms + (len(missing) < len(coordinates)) > 1:
             raise ValueError("give one of position, geodetic, or x, y, z and unit")
-        if self.position is None and self.geodetic is None and missing:
+        if not forms and missing:
             raise ValueError(f"{missing[0]} is missing")
         return self
 
@@ -296,7 +287,7 @@ class TrackTable(_VehiclePlace):
 
     @model_validator(mode="after")
     def _one_place(self) -> TrackTable:
-        if (self.position is None) == (self.geodetic is None):
+        if _given(self.position, self.geodetic) != 1:
             raise ValueError("give either position or geodetic")
         return self
 
@@ -328,28 +319,38 @@ class Mapping(_Table):
     @classmethod
     def _refuse_guesses(cls, entries: Any) -> Any:
         """Refuse the question marks of a draft, all in one error."""
-        guesses: dict[str, str] = {}
         if isinstance(entries, dict):
-            for name, entry in entries.items():
-                if name not in ("title", "source", "files"):
-                    guesses.update(_guesses(entry, str(name)))
-        if guesses:
-            (first, value), *further = guesses.items()
-            more = f" (and so are {', '.join(name for name, _ in further)})" if further else ""
-            raise ValueError(
-                f"{first} is still a guess, got {value!r}{more}: "
-                "check it and take the question mark away"
+            kept = ("title", "source", "files")
+            guesses = dict(
+                guess
+                for name, entry in entries.items()
+                if name not in kept
+                for guess in _guesses(entry, str(name))
             )
+            if guesses:
+                (first, value), *further = guesses.items()
+                more = f" (and so are {', '.join(name for name, _ in further)})" if further else ""
+                raise ValueError(
+                    f"{first} is still a guess, got {value!r}{more}: "
+                    "check it and take the question mark away"
+                )
         return entries
 
     @model_validator(mode="after")
     def _consistent(self) -> Mapping:
         """Refuse tables that contradict one another, or are missing."""
-        self._check_geometry()
-        self._check_axis()
+        if _given(self.tx_position, self.rx_position) + 2 * _given(self.antenna_position) != 2:
+            raise ValueError(
+                "the geometry is missing or double: give antenna_position (one antenna sends and "
+                "receives), or tx_position and rx_position"
+            )
+        tables = ("frequency", "samples")
+        needed, other = tables if "frequency" in self.signal.dims else tables[::-1]
+        if getattr(self, needed) is None or getattr(self, other) is not None:
+            raise ValueError(f"signal.dims asks for the table {needed} and no table {other}")
         positions = (self.antenna_position, self.tx_position)
         in_lane = any(entry is not None and entry.frame == "lane" for entry in positions)
-        if sum((self.pose is not None, self.track is not None, in_lane)) > 1:
+        if _given(self.pose, self.track) + in_lane > 1:
             raise ValueError(
                 "the vehicle's place is told twice: give one of pose, track, "
                 "or positions with frame = 'lane'"
@@ -357,28 +358,6 @@ class Mapping(_Table):
         if self.track is not None and self.time is None:
             raise ValueError("track asks for the table time, the radar's time of every scan")
         return self
-
-    def _check_geometry(self) -> None:
-        """Refuse positions of antennas that are missing, or there twice."""
-        has_tx = self.tx_position is not None
-        has_rx = self.rx_position is not None
-        has_antenna = self.antenna_position is not None
-        if has_tx != has_rx or has_antenna == (has_tx and has_rx):
-            raise ValueError(
-                "the geometry is missing or double: give antenna_position (one antenna sends and "
-                "receives), or tx_position and rx_position"
-            )
-
-    def _check_axis(self) -> None:
-        """Refuse a table of tones or samples that the axes of the signal do not ask for."""
-        if "frequency" in self.signal.dims:
-            needed = "frequency"
-            other = "samples"
-        else:
-            needed = "samples"
-            other = "frequency"
-        if getattr(self, needed) is None or getattr(self, other) is not None:
-            raise ValueError(f"signal.dims asks for the table {needed} and no table {other}")
 
 
 def _guesses(entries: Any, where: str) -> Iterator[tuple[str, str]]:

@@ -87,7 +87,10 @@ def sentences_of(
             sentence = _parsed(match[1])
             if sentence.kind in kinds:
                 found.append((number, match, sentence))
-    fits = [_fits(match) for _, match, _ in found]
+    fits = [
+        match[2] is not None and int(match[2], 16) == reduce(xor, map(ord, match[1]))
+        for _, match, _ in found
+    ]
     have_none = not any(match[2] for _, match, _ in found)
     none_fits = not any(fits) and (have_none or len(found) >= _LEAST_WRONG)
     counts.total = len(found)
@@ -97,11 +100,6 @@ def sentences_of(
             yield number, match.start(), sentence
         else:
             counts.damaged += 1
-
-
-def _fits(match: re.Match[str]) -> bool:
-    """Return whether a sentence has the checksum of its letters."""
-    return match[2] is not None and int(match[2], 16) == reduce(xor, map(ord, match[1]))
 
 
 def _parsed(text: str) -> Sentence:
@@ -117,22 +115,21 @@ def position_of(sentence: Sentence) -> Position | None:
     """Return the position of a GGA or RMC; None if it states none."""
     is_gga = sentence.kind == "GGA"
     cells = [cell.strip() for cell in sentence.cells]
-    least = 10 if is_gga else 6
-    if len(cells) < least:
+    if len(cells) < (10 if is_gga else 6):
         return None
     place = cells[1:5] if is_gga else cells[2:6]
+    altitude = separation = math.nan
+    quality = -1
     try:
-        quality = int(cells[5]) if is_gga else -1
-        has_fix = quality != 0 if is_gga else cells[1] not in ("V", "")
         latitude = _degrees(place[0], place[1], "NS")
         longitude = _degrees(place[2], place[3], "EW")
-        altitude = separation = math.nan
         if is_gga:
+            quality = int(cells[5])
             altitude = _metres(cells[8], cells[9])
             separation = _metres(*cells[10:12]) if len(cells) > 11 else math.nan
     except (ValueError, OverflowError):
         return None
-    if not has_fix:
+    if quality == 0 or (not is_gga and cells[1] in ("V", "")):
         return None
     return Position(clock_time(cells[0]), longitude, latitude, altitude, separation, quality)
 

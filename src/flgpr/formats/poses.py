@@ -54,13 +54,8 @@ def read_poses(sources: Sources, spec: Poses, scans: int, anchor: Anchor | None)
     """
     position = spec.position
     if position is None and spec.geodetic is None:
-        position = Positions(
-            file=spec.file,
-            x=spec.x,
-            y=spec.y,
-            z=spec.z,
-            unit=str(spec.unit),
-        )
+        unit = str(spec.unit)
+        position = Positions(file=spec.file, x=spec.x, y=spec.y, z=spec.z, unit=unit)
     reader = _PlaceReader(sources, spec, position, "pose", scans, "scan")
     pose = reader.poses(anchor)
     with sources.entry("pose", reader.file):
@@ -105,11 +100,10 @@ def read_track_table(sources: Sources, spec: TrackTable, anchor: Anchor | None) 
     with sources.entry("track", reader.file):
         keep, notes = bridged(time, pose)
         sources.notes += notes
-        time = time[keep]
         pose = pose[keep]
         if spec.heading == "course":
             pose[:, 3] = course(pose[:, :3])
-        antenna = make_track(time, pose[:, :3], *pose[:, 3:].T)
+        antenna = make_track(time[keep], pose[:, :3], *pose[:, 3:].T)
         return reference_track(antenna, spec.lever_arm, spec.latency)
 
 
@@ -145,7 +139,13 @@ class _PlaceReader:
                 pose[:, 3:] = points[:, 3:] * self._angle_scale()
         if spec.orientation is not None:
             pose[:, 3:] = self._attitude(spec.orientation)
-        self._read_angles(pose)
+        holder = spec if isinstance(spec, Poses) else self.position
+        file = "data" if holder is None else holder.file
+        for column, name in enumerate(POSE_COMPONENTS[3:], start=3):
+            angle = getattr(spec, name)
+            if angle is not None and angle != "course":
+                values = self._component(angle, file, f"{self.where}.{name}")
+                pose[:, column] = self._angle_scale() * values
 
         if spec.geodetic is not None:
             entry = f"{self.where}.geodetic"
@@ -189,16 +189,6 @@ class _PlaceReader:
                 )
         return points
 
-    def _read_angles(self, pose: FloatArray) -> None:
-        """Write the entries heading, pitch and roll into poses (count, 6), rad."""
-        holder = self.spec if isinstance(self.spec, Poses) else self.position
-        file = "data" if holder is None else holder.file
-        for column, name in enumerate(("heading", "pitch", "roll"), start=3):
-            entry = getattr(self.spec, name)
-            if entry is not None and entry != "course":
-                angle = self._component(entry, file, f"{self.where}.{name}")
-                pose[:, column] = self._angle_scale() * angle
-
     def _attitude(self, spec: Orientation) -> FloatArray:
         """Return heading, pitch and roll (count, 3), rad, of the rotations in the files."""
         where = f"{self.where}.orientation"
@@ -206,15 +196,12 @@ class _PlaceReader:
             if spec.variable is not None:
                 blocks = self.sources.arrays(spec.file, spec.variable, where)
                 rotations = real(self.sources.assembled(blocks, self.along, where), where)
-                if rotations.ndim > 1:
-                    rotations = rotations.reshape(-1, rotations.shape[-1])
-                else:
-                    rotations = rotations[None]
+                rotations = rotations.reshape(-1, rotations.shape[-1])
             else:
-                components = []
-                for name in "xyzw":
-                    entry = getattr(spec, name)
-                    components.append(self._component(entry, spec.file, f"{where}.{name}"))
+                components = [
+                    self._component(getattr(spec, name), spec.file, f"{where}.{name}")
+                    for name in "xyzw"
+                ]
                 rotations = np.stack(components, axis=1)
             if len(rotations) != self.count:
                 raise ValueError(f"{where} must have {self.count} rotations, got {len(rotations)}")
@@ -233,8 +220,7 @@ class _PlaceReader:
             columns.append(self._component(entry, spec.file, f"{where}.{name}"))
         fixes = np.stack(columns, axis=1) * (degrees, degrees, scale)
         with self.sources.entry(where, spec.file):
-            known = fixes[np.isfinite(fixes[:, :2]).all(axis=1)]
-            if (np.abs(known[:, :2]) > (360, 90)).any():
+            if (np.abs(fixes[np.isfinite(fixes[:, :2]).all(axis=1), :2]) > (360, 90)).any():
                 raise ValueError(
                     f"{where} must have latitudes within 90 and longitudes within 360 degrees"
                 )

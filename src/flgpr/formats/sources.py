@@ -14,7 +14,8 @@ import numpy as np
 from flgpr.formats.array_file import ArrayFile
 from flgpr.formats.arrays import open_arrays
 from flgpr.formats.mapping import EntryValue, Index, Positions, Quantity, Variable, factor
-from flgpr.types import AnyArray, FloatArray, IntArray, floats
+from flgpr.model.faults import faults_of
+from flgpr.types import AnyArray, FloatArray, IntArray, Notes, floats
 
 if TYPE_CHECKING:
     from flgpr.geo.anchor import Anchor
@@ -34,7 +35,7 @@ class Sources:
     join: str  #: dimension along which several files continue
     limit: int  #: largest array, and largest sum over the files that are joined, bytes
     grid: tuple[int, ...] = ()  #: lengths of the scan axes of a raster
-    notes: list[str] = field(default_factory=list)
+    notes: Notes = field(default_factory=list)
     anchor_from_track: bool = False  #: whether fixes without an anchor make their own
     anchor: Anchor | None = None  #: what they made
     _open: dict[Path, ArrayFile] = field(default_factory=dict)
@@ -64,13 +65,9 @@ class Sources:
             if path not in self._open:
                 self._open[path] = open_arrays(path, self.limit)
             opened = self._open[path]
-            try:
+            with faults_of(where):
                 values = opened.read(variable)
-            except ValueError as error:
-                raise ValueError(f"{where}: {error}") from None
-            for note in opened.notes:
-                if note not in self.notes:
-                    self.notes.append(note)
+            self.notes += [note for note in opened.notes if note not in self.notes]
             if values.dtype.kind not in "fciu":
                 raise ValueError(
                     f"{where}: {path}: {variable} must hold numbers, got {values.dtype}"
@@ -171,18 +168,21 @@ class Sources:
         (count,) ndarray
             The values, in the unit of the file.
         """
-        spec = entry if isinstance(entry, Variable) else _number_or_variable(entry)
-        if not isinstance(spec, Variable):
-            return np.full(1 if count is None else count, spec)
-        file = spec.file or file
+        if not isinstance(entry, Variable):
+            try:
+                # A checked draft may hold a number as a text.
+                return np.full(1 if count is None else count, float(entry))
+            except ValueError:
+                entry = Variable(variable=str(entry))
+        file = entry.file or file
         with self.entry(where, file):
-            values = self._column(file, spec.variable, spec.column, along, where)
+            values = self._column(file, entry.variable, entry.column, along, where)
             plausible(values, where)
             if count is None:
                 return values.ravel()
             if len(self.grid) > 1 and along == "scan":
-                values = self._on_grid(values, spec.axis, where)
-            elif spec.axis is not None:
+                values = self._on_grid(values, entry.axis, where)
+            elif entry.axis is not None:
                 raise ValueError(
                     f"{where}.axis is for rasters, whose signal.dims hold scan more than once"
                 )
@@ -196,7 +196,16 @@ class Sources:
         """Return a variable, or one column of it, over all files of a name."""
         blocks = []
         for values in self.arrays(file, variable, where):
-            blocks.append(_take_column(values, column, where))
+            if column is None:
+                # MATLAB has no vectors: a column of numbers has two axes.
+                blocks.append(np.atleast_1d(values.squeeze()))
+            elif values.ndim == 2 and 0 <= column < values.shape[1]:
+                blocks.append(values[:, column])
+            else:
+                raise ValueError(
+                    f"{where}.column must be a column of the variable, "
+                    f"got {column} for shape {values.shape}"
+                )
         return real(self.assembled(blocks, along, where), where)
 
     def _on_grid(self, values: FloatArray, axis: int | None, where: str) -> FloatArray:
@@ -217,8 +226,8 @@ class Sources:
                 f"{where} fits scan axes {axes} of {grid}: say which by axis = {axes[0]} or so"
             )
         if axes:
-            other_axes = [number for number in range(len(grid)) if number != axes[0]]
-            return np.broadcast_to(np.expand_dims(values, other_axes), grid).ravel()
+            along = tuple(-1 if number == axes[0] else 1 for number in range(len(grid)))
+            return np.broadcast_to(values.reshape(along), grid).ravel()
         if values.ndim > 1 and values.shape != tuple(size for size in grid if size > 1):
             raise ValueError(
                 f"{where} must have the shape {grid} of the scan axes, got {values.shape}"
@@ -277,11 +286,11 @@ class Sources:
         if spec.values is not None:
             return floats(spec.values)
         if spec.variable is None:
-            sides = []
-            for name, entry in zip("xyz", (spec.x, spec.y, spec.z), strict=True):
-                if entry is not None:
-                    side = self.component(entry, spec.file, f"{where}.{name}", count, along)
-                    sides.append(side)
+            sides = [
+                self.component(entry, spec.file, f"{where}.{name}", count, along)
+                for name, entry in zip("xyz", (spec.x, spec.y, spec.z), strict=True)
+                if entry is not None
+            ]
             try:
                 return np.stack(np.broadcast_arrays(*sides), axis=-1)
             except ValueError:
@@ -299,8 +308,7 @@ class Sources:
                 f"{where} must have x and y alone with z beside it, got shape {points.shape}"
             )
         height = self.component(spec.z, spec.file, f"{where}.z", points[..., 0].size, along)
-        column = height.reshape(*points.shape[:-1], 1)
-        return np.concatenate([points, column], axis=-1)
+        return np.concatenate([points, height.reshape(*points.shape[:-1], 1)], axis=-1)
 
     def _index(self, spec: Index, count: int, where: str) -> IntArray:
         """Return which of so many antennas each pair uses, from 0."""
@@ -314,27 +322,6 @@ class Sources:
                     f"{count - 1 + spec.first}, got {values.min():g} to {values.max():g}"
                 )
         return rows.astype(np.int64)
-
-
-def _number_or_variable(entry: float | str) -> float | Variable:
-    """Return a number, also of a text that is one, as a checked draft may hold; else a variable."""
-    try:
-        return float(entry)
-    except ValueError:
-        return Variable(variable=str(entry))
-
-
-def _take_column(values: AnyArray, column: int | None, where: str) -> AnyArray:
-    """Return a column of a table, or with None all values without axes of length one."""
-    if column is None:
-        # MATLAB has no vectors: a column of numbers has two axes.
-        return np.atleast_1d(values.squeeze())
-    if values.ndim != 2 or not 0 <= column < values.shape[1]:
-        raise ValueError(
-            f"{where}.column must be a column of the variable, "
-            f"got {column} for shape {values.shape}"
-        )
-    return values[:, column]
 
 
 def real(values: AnyArray, where: str) -> FloatArray:

@@ -28,7 +28,7 @@ from flgpr.store.files import existing
 from flgpr.store.store_layout import MAX_MEMORY
 from flgpr.store.text import decode_text
 from flgpr.store.text_tables import read_text_table
-from flgpr.types import AnyArray, FloatArray, floats
+from flgpr.types import AnyArray, FloatArray, Notes, floats
 
 _DAY = 86400.0
 _ANGLES = ("heading", "pitch", "roll")
@@ -106,7 +106,7 @@ def read_track(
 
 
 def _poses_of_table(
-    columns: Mapping[str, AnyArray], heading: str, notes: list[str]
+    columns: Mapping[str, AnyArray], heading: str, notes: Notes
 ) -> tuple[FloatArray, FloatArray]:
     """Return times and poses (fix, 6) of a table; a heading by the course is left zero."""
     names = [column.name for column in TRACK_COLUMNS]
@@ -118,13 +118,11 @@ def _poses_of_table(
         return time, _stated_poses(columns)
     position = [_needed(columns, f"{axis}_m") for axis in "xyz"]
     level = 0.0 * time
-    angles = [_angle(columns, name, level) for name in ("pitch", "roll")]
-    missing = [
-        name for name, angle in zip(("pitch", "roll"), angles, strict=True) if angle is level
-    ]
+    angles = {name: _angle(columns, name, level) for name in _ANGLES[1:]}
+    missing = [name for name, angle in angles.items() if angle is level]
     if missing:
         notes.append(f"no column tells {' and '.join(missing)}: 0 is taken")
-    return time, np.stack([*position, level, *angles], axis=1)
+    return time, np.stack([*position, level, *angles.values()], axis=1)
 
 
 def read_survey(path: str | Path) -> FloatArray:
@@ -152,10 +150,7 @@ def read_survey(path: str | Path) -> FloatArray:
     """
     with faults_of(path):
         columns = read_text_table(existing(path))
-        if "left_x_m" in columns:
-            pose = _poses_by_marks(columns)
-        else:
-            pose = _stated_poses(columns)
+        pose = _poses_by_marks(columns) if "left_x_m" in columns else _stated_poses(columns)
         bad = ~np.isfinite(pose).all(axis=1)
         if bad.any():
             raise ValueError(f"poses must be finite, got other values for scan {int(bad.argmax())}")
@@ -170,8 +165,10 @@ def _stated_poses(columns: Mapping[str, AnyArray]) -> FloatArray:
 
 def _poses_by_marks(columns: Mapping[str, AnyArray]) -> FloatArray:
     """Return the poses (scan, 6) of an array with a surveyed mark on its left and on its right."""
-    left = np.stack([_needed(columns, f"left_{axis}_m") for axis in "xyz"], axis=1)
-    right = np.stack([_needed(columns, f"right_{axis}_m") for axis in "xyz"], axis=1)
+    left, right = (
+        np.stack([_needed(columns, f"{side}_{axis}_m") for axis in "xyz"], axis=1)
+        for side in ("left", "right")
+    )
     apart = right - left
     level = np.hypot(apart[:, 0], apart[:, 1])
     if not (level > _LEAST_BASELINE).all():
@@ -181,15 +178,13 @@ def _poses_by_marks(columns: Mapping[str, AnyArray]) -> FloatArray:
 
     pitch = _angle(columns, "pitch")
     # Rx(pitch)·Ry(roll) takes the line to the right mark to (cos r, sin p·sin r, -cos p·sin r).
-    length = np.linalg.norm(apart, axis=1)
-    sine = apart[:, 2] / (length * np.cos(pitch))
+    sine = apart[:, 2] / (np.linalg.norm(apart, axis=1) * np.cos(pitch))
     roll = -np.arcsin(np.clip(sine, -1, 1))
     # Seen from above: the line before the heading turns it, and as it was surveyed.
     aside = np.arctan2(np.sin(pitch) * np.sin(roll), np.cos(roll))
     direction = np.arctan2(apart[:, 1], apart[:, 0])
     heading = np.angle(np.exp(1j * (aside - direction)))
-    middle = (left + right) / 2
-    return np.column_stack([middle, heading, pitch, roll])
+    return np.column_stack([(left + right) / 2, heading, pitch, roll])
 
 
 def read_nmea(
@@ -228,7 +223,7 @@ def read_nmea(
     path = existing(path)
     if height is None and not anchor.heights_known:
         raise ValueError("height must be given, the anchor's points have none")
-    notes: list[str] = []
+    notes: Notes = []
     log = _read_log(path, quality, notes)
     is_own_anchor = math.isnan(anchor.sigma)
     places = _places_of(log, path, notes, height is None, is_own_anchor)
@@ -241,13 +236,24 @@ def read_nmea(
 
     is_later = np.append(True, np.diff(places[:, 0]) > 0)
     time = places[is_later, 0]
-    position = anchor.from_geodetic(places[is_later, 1:])
-    if height is not None:
-        position[:, 2] = height
-    heading = _headings(time, position, log.headings, anchor.azimuth)
-    track = make_track(time, position, heading)
+    with faults_of(path):
+        position = anchor.from_geodetic(places[is_later, 1:])
+        if height is not None:
+            position[:, 2] = height
+        heading = course(position)
+        if log.headings:
+            stamp, angle = np.array(log.headings).T
+            in_lane = np.interp(time, stamp, np.unwrap(angle)) - anchor.azimuth
+            heading = floats(np.angle(np.exp(1j * in_lane)))
+        track = make_track(time, position, heading)
 
-    _note_unused(log, quality, notes)
+    total = sum(log.qualities.values())
+    if total > len(log.fixes):
+        counts = ", ".join(f"{count} of {kind}" for kind, count in sorted(log.qualities.items()))
+        notes.append(
+            f"{total - len(log.fixes)} of {total} fixes are not of quality {quality} and not used "
+            f"({counts})"
+        )
     not_later = np.count_nonzero(~is_later)
     if not_later:
         notes.append(f"{not_later} fixes whose time does not go on are not used")
@@ -258,21 +264,12 @@ def read_nmea(
     return track
 
 
-def _note_unused(log: _NmeaLog, quality: tuple[int, ...], notes: list[str]) -> None:
-    """Add a note of the fixes of a log that are of other qualities, with counts of each."""
-    total = sum(log.qualities.values())
-    unused = total - len(log.fixes)
-    if not unused:
-        return
-    counts = ", ".join(f"{count} of {kind}" for kind, count in sorted(log.qualities.items()))
-    notes.append(f"{unused} of {total} fixes are not of quality {quality} and not used ({counts})")
-
-
-def _read_log(path: Path, quality: tuple[int, ...], notes: list[str]) -> _NmeaLog:
+def _read_log(path: Path, quality: tuple[int, ...], notes: Notes) -> _NmeaLog:
     """Read the GGA of some qualities and the headings of a log; count what is not used."""
     text = decode_text(read_named(path, MAX_MEMORY), path.name, notes)
     counts = SentenceCounts()
-    log = _NmeaLog([], [], Counter())
+    fixes: list[tuple[float, Position]] = []
+    qualities: Counter[int] = Counter()
     headings: dict[str, list[tuple[float, float]]] = {kind: [] for kind in HEADINGS}
     now = -math.inf
     without_fix = 0
@@ -283,10 +280,14 @@ def _read_log(path: Path, quality: tuple[int, ...], notes: list[str]) -> _NmeaLo
             if position is None or math.isnan(position.time):
                 without_fix += 1
                 continue
-            log.qualities[position.quality] += 1
+            qualities[position.quality] += 1
             if position.quality in quality:
-                now = _continued_time(position.time, now)
-                log.fixes.append((now, position))
+                clock = position.time
+                if math.isfinite(now):  # it goes on over midnight
+                    clock += _DAY * math.floor(now / _DAY)
+                    clock += _DAY * (clock < now - _DAY / 2)
+                now = clock
+                fixes.append((now, position))
         elif math.isfinite(now):
             heading = heading_of(sentence)
             if heading is None:
@@ -301,24 +302,20 @@ def _read_log(path: Path, quality: tuple[int, ...], notes: list[str]) -> _NmeaLo
             f"{without_heading} sentences tell no heading: it goes on evenly between the others"
         )
     stated = [kind for kind in HEADINGS if headings[kind]]
-    if stated:
-        log.headings.extend(headings[stated[0]])
     if len(stated) > 1:
         notes.append(f"headings are those of {stated[0]}; {', '.join(stated[1:])} are not used")
-    return log
+    return _NmeaLog(fixes, headings[stated[0]] if stated else [], qualities)
 
 
 def _places_of(
-    log: _NmeaLog, path: Path, notes: list[str], needs_height: bool, is_own_anchor: bool
+    log: _NmeaLog, path: Path, notes: Notes, needs_height: bool, is_own_anchor: bool
 ) -> FloatArray:
     """Return time, s, longitude, latitude, degrees, and ellipsoidal height, m, of fixes (fix, 4).
 
     Heights over the sea alone are good for an anchor that the log makes itself. Where heights are
     not needed, what is missing is taken as 0.
     """
-    rows = []
-    for time, fix in log.fixes:
-        rows.append((time, fix.longitude, fix.latitude, fix.altitude, fix.separation))
+    rows = [(time, *fix[1:5]) for time, fix in log.fixes]
     table = np.array(rows, dtype=np.float64).reshape(-1, 5)
     if not needs_height:
         table[:, 3:] = np.nan_to_num(table[:, 3:])
@@ -329,26 +326,24 @@ def _places_of(
     table = table[has_height]
     unknown = np.isnan(table[:, 4])
     if unknown.any():
-        table[unknown, 4] = _separation_of_others(table[~unknown, 4], path, is_own_anchor)
-        of_others = "0 m is taken" if unknown.all() else "that of the others is taken"
+        separation = 0.0
+        taken = "0 m is taken"
+        if not unknown.all():
+            separation = float(np.median(table[~unknown, 4]))
+            taken = "that of the others is taken"
+        elif not is_own_anchor:
+            raise ValueError(
+                f"{path}: no GGA tells the separation of the geoid from the ellipsoid, so that its "
+                "heights over the sea do not fit the anchor's over the ellipsoid, by up to 100 m: "
+                "let the receiver write it, or make the anchor of the log itself "
+                "(anchor_from_track)"
+            )
+        table[unknown, 4] = separation
         notes.append(
             f"{np.count_nonzero(unknown)} of {len(table)} fixes of {path.name} tell no separation of "
-            f"the geoid from the ellipsoid: {of_others}"
+            f"the geoid from the ellipsoid: {taken}"
         )
     return np.column_stack([table[:, :3], table[:, 3] + table[:, 4]])
-
-
-def _separation_of_others(known: FloatArray, path: Path, is_own_anchor: bool) -> float:
-    """Return the separation of the geoid, m, for fixes that state none."""
-    if known.size:
-        return float(np.median(known))
-    if is_own_anchor:
-        return 0.0
-    raise ValueError(
-        f"{path}: no GGA tells the separation of the geoid from the ellipsoid, so that its heights "
-        "over the sea do not fit the anchor's over the ellipsoid, by up to 100 m: let the receiver "
-        "write it, or make the anchor of the log itself (anchor_from_track)"
-    )
 
 
 def nmea_places(path: str | Path, quality: tuple[int, ...] = FIXED) -> FloatArray:
@@ -368,26 +363,6 @@ def nmea_places(path: str | Path, quality: tuple[int, ...] = FIXED) -> FloatArra
     """
     path = existing(path)
     return _places_of(_read_log(path, quality, []), path, [], True, True)[:, 1:]
-
-
-def _headings(
-    time: FloatArray, position: FloatArray, headings: list[tuple[float, float]], azimuth: float
-) -> FloatArray:
-    """Return headings (fix,), rad, in the lane: of the sentences, or of the course if none."""
-    if not headings:
-        return course(position)
-    stamp, angle = np.array(headings).T
-    in_lane = np.interp(time, stamp, np.unwrap(angle)) - azimuth
-    return floats(np.angle(np.exp(1j * in_lane)))
-
-
-def _continued_time(clock: float, last: float) -> float:
-    """Return a time of the day, s, continued over midnight from the ``last`` one."""
-    if math.isfinite(last):
-        clock += _DAY * math.floor(last / _DAY)
-        if clock < last - _DAY / 2:
-            clock += _DAY
-    return clock
 
 
 def _needed(columns: Mapping[str, AnyArray], name: str) -> FloatArray:

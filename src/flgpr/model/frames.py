@@ -149,6 +149,31 @@ def vehicle_to_lane(position: ArrayLike, pose: ArrayLike) -> FloatArray:
     return scan_to_lane(vehicle_to_scan(position, pose), pose)
 
 
+def rigid_array(tx: FloatArray, rx: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    """Take an array of antennas that keeps its form and heading from the lane to the vehicle frame.
+
+    Parameters
+    ----------
+    tx, rx : (scan, antenna, 3) ndarray
+        Positions of transmitters and receivers in the lane frame, m.
+
+    Returns
+    -------
+    tx, rx : (antenna, 3) ndarray
+        Positions about the mean of the transmitters, in the lane's axes, by the first scan, m.
+    pose : (scan, 6) ndarray
+        Poses of that mean, without angles, m and rad.
+    moved : float
+        How far an antenna moves against the others at most, m; NaN where a position is none.
+    """
+    origin = tx.mean(axis=1)
+    local_tx, local_rx = (points - origin[:, None] for points in (tx, rx))
+    moved = max(float(np.abs(points - points[0]).max()) for points in (local_tx, local_rx))
+    pose = np.zeros((len(tx), 6))
+    pose[:, :3] = origin
+    return local_tx[0], local_rx[0], pose, moved
+
+
 @dataclass(frozen=True)
 class Grid:
     """A rectangular grid of pixel centres on the plane z = 0.

@@ -9,15 +9,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from flgpr.budget import VALUE, Budget
 from flgpr.model.bounds import shown_number
-from flgpr.types import AnyArray
+from flgpr.types import AnyArray, Entries
 
-Decoder = Callable[[bytes], dict[str, Any]]
+Decoder = Callable[[bytes], Entries]
 _NUMBERS = {
     "bool": "u1",
     "byte": "u1",
@@ -96,7 +97,7 @@ def message_decoder(name: str, text: str) -> Decoder:
             definitions[_short(head[1], "")] = body[head.end() :]
     top = _struct(top_name, definitions, {}, 0)
 
-    def decode(data: bytes) -> dict[str, Any]:
+    def decode(data: bytes) -> Entries:
         return _Reader(data).struct(top)
 
     return decode
@@ -119,6 +120,7 @@ def _struct(
     if name not in definitions or depth > _DEEPEST:
         raise ValueError(f"the definition of {name} is missing or holds itself")
     fields = []
+    least = count = 0
     for line in definitions[name].splitlines():
         declaration = line.split("#")[0].strip()
         match = _FIELD.match(declaration)
@@ -131,8 +133,10 @@ def _struct(
             )
         type_name, brackets, label = match.groups()
         kind: str | _Struct
+        single, nested = _LENGTH_BYTES, 0  # bytes at least, and fields in it
         if type_name in _NUMBERS:
             kind = _NUMBERS[type_name]
+            single = np.dtype(kind).itemsize
         elif type_name == "string":
             kind = _TEXT
         elif type_name == "wstring":
@@ -140,9 +144,19 @@ def _struct(
         else:
             package = name.split("/")[0]
             kind = _struct(_short(type_name, package), definitions, known, depth + 1)
-        fields.append(_Field(label, kind, _count_in(brackets)))
-    least = sum(_least_bytes(field) for field in fields)
-    count = sum(_count_fields(field) for field in fields)
+            single, nested = kind.least, kind.size
+        size = None
+        if brackets is not None:
+            digits = brackets[1:-1]
+            if len(digits) > _MOST_DIGITS and digits.isdigit():
+                raise ValueError(
+                    f"an array must have at most 10^{_MOST_DIGITS} values, got {digits[:20]}"
+                )
+            size = int(digits) if digits.isdigit() else _VARIABLE
+        repeats = 1 if size in (None, _VARIABLE) else size or 0
+        least += _LENGTH_BYTES if size == _VARIABLE else repeats * single
+        count += 1 + repeats * nested
+        fields.append(_Field(label, kind, size))
     if count > _MOST_FIELDS:
         raise ValueError(
             f"the definition of {name} must hold at most {_MOST_FIELDS} fields, those of all "
@@ -150,39 +164,6 @@ def _struct(
         )
     known[name] = _Struct(fields, max(least, 1), count)
     return known[name]
-
-
-def _count_fields(field: _Field) -> int:
-    """Return how many fields a field stands for, those of the types in it counted."""
-    if not isinstance(field.kind, _Struct):
-        return 1
-    repeats = 1 if field.size in (None, _VARIABLE) else field.size or 0
-    return 1 + repeats * field.kind.size
-
-
-def _count_in(brackets: str | None) -> int | None:
-    """Return how many values a field has by the brackets behind its type."""
-    if brackets is None:
-        return None
-    number = brackets[1:-1]
-    if not number.isdigit():
-        return _VARIABLE
-    if len(number) > _MOST_DIGITS:
-        raise ValueError(f"an array must have at most 10^{_MOST_DIGITS} values, got {number[:20]}")
-    return int(number)
-
-
-def _least_bytes(field: _Field) -> int:
-    """Return the bytes that a field takes at least."""
-    if field.size == _VARIABLE:
-        return _LENGTH_BYTES
-    if isinstance(field.kind, _Struct):
-        single = field.kind.least
-    elif field.kind == _TEXT:
-        single = _LENGTH_BYTES
-    else:
-        single = np.dtype(field.kind).itemsize
-    return single if field.size is None else field.size * single
 
 
 class _Reader:
@@ -230,7 +211,7 @@ class _Reader:
         content = self.data[begin : self.position].rstrip(b"\0")
         return content.decode("utf-8", errors="replace")
 
-    def struct(self, kind: _Struct) -> dict[str, Any]:
+    def struct(self, kind: _Struct) -> Entries:
         """Return the fields of a message by their names."""
         if not kind.fields:
             self.numbers("u1", 1)  # an empty message has a byte
@@ -244,18 +225,15 @@ class _Reader:
         """Return the value of a field, or the list or array of its values."""
         if count == _VARIABLE:
             count = self.length()
+        read: Callable[[], Any]
         if isinstance(kind, _Struct):
-            if count is None:
-                return self.struct(kind)
-            self.check(count * kind.least)
-            self.budget.spend_values(count)
-            return [self.struct(kind) for _ in range(count)]
-        if kind == _TEXT:
-            if count is None:
-                return self.text()
-            self.check(count * _LENGTH_BYTES)
-            self.budget.spend_values(count)
-            return [self.text() for _ in range(count)]
+            least, read = kind.least, partial(self.struct, kind)
+        elif kind == _TEXT:
+            least, read = _LENGTH_BYTES, self.text
+        else:
+            return self.numbers(kind, 1)[0] if count is None else self.numbers(kind, count)
         if count is None:
-            return self.numbers(kind, 1)[0]
-        return self.numbers(kind, count)
+            return read()
+        self.check(count * least)
+        self.budget.spend_values(count)
+        return [read() for _ in range(count)]

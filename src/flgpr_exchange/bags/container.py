@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import struct
 import zlib
-from array import array
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO
 
 from flgpr.door import check_expansion, open_named
 from flgpr.store.extras import MissingExtraError, optional
@@ -38,14 +37,6 @@ _WINDOW = 2**27  # largest window of zstd, bytes
 
 class TooLargeError(ValueError):
     """A record or a chunk takes more memory than it may."""
-
-
-class _Span(NamedTuple):
-    """A record in a chunk: its kind, and where its content begins and stops."""
-
-    kind: int
-    begin: int
-    stop: int
 
 
 @dataclass
@@ -98,10 +89,7 @@ class McapContainer:
                 if kind == _MESSAGE_INDEX and damaged is not None and size <= self.limit:
                     self._count_lost(file.read(size), damaged)
                 elif kind == _CHUNK:
-                    data, starts, damaged = self._chunk(self._content(file, size))
-                    for start in starts:
-                        span = _span_at(data, start)
-                        yield span.kind, data[span.begin : span.stop]
+                    damaged = yield from self._chunk(self._content(file, size))
                 elif kind in (SCHEMA, CHANNEL, MESSAGE):
                     yield kind, self._content(file, size)
                 else:
@@ -127,7 +115,8 @@ class McapContainer:
                 return
             yield kind, size
         self.damage.cut_off = True
-        self._note_reason(f"it is cut off after {end} bytes, before the end of its data")
+        fault = f"it is cut off after {end} bytes, before the end of its data"
+        self.damage.reason = self.damage.reason or fault
 
     def _content(self, file: BinaryIO, size: int) -> bytes:
         """Read the content of a record of a size that is checked first."""
@@ -137,32 +126,36 @@ class McapContainer:
             )
         return file.read(size)
 
-    def _chunk(self, content: bytes) -> tuple[bytes, array[int], _DamagedChunk | None]:
-        """Return what a chunk holds, where its records start, and what is to be counted if damaged.
+    def _chunk(self, content: bytes) -> Generator[tuple[int, bytes], None, _DamagedChunk | None]:
+        """Yield the records of a chunk, and return what is to be counted if it is damaged.
 
-        A chunk that is not damaged has nothing to be counted: None.
+        Records behind one that goes beyond the end of the chunk are not looked for.
         """
         self.damage.chunks += 1
-        data = b""
-        starts = array("Q")
+        fault, data = "", b""
         try:
             data = self._unpacked(content)
-            starts, fault = _starts_in(data)
         except (MissingExtraError, TooLargeError):
             raise
         except Exception as error:  # whatever a library raises on what is damaged
             fault = " ".join(str(error).split())[:160] or type(error).__name__
+        read: Counter[int] = Counter()
+        stop = 0
+        while stop < len(data):
+            kind, begin = data[stop], stop + _RECORD_HEAD
+            stop = begin + int.from_bytes(data[stop + 1 : begin], "little")
+            if stop > len(data):
+                fault = "a record goes beyond the end of its chunk"
+            elif kind in (SCHEMA, CHANNEL, MESSAGE):
+                if kind == MESSAGE and stop - begin >= _CHANNEL_OF_MESSAGE.size:
+                    read[_CHANNEL_OF_MESSAGE.unpack_from(data, begin)[0]] += 1
+                yield kind, data[begin:stop]
         if not fault:
-            return data, starts, None
-        self._note_reason(fault)
+            return None
+        self.damage.reason = self.damage.reason or fault
         self.damage.damaged_chunks += 1
         self.damage.uncounted_chunks += 1  # until an index states them
-        read: Counter[int] = Counter()
-        for start in starts:
-            kind, begin, stop = _span_at(data, start)
-            if kind == MESSAGE and stop - begin >= _CHANNEL_OF_MESSAGE.size:
-                read[_CHANNEL_OF_MESSAGE.unpack_from(data, begin)[0]] += 1
-        return data, starts, _DamagedChunk(read)
+        return _DamagedChunk(read)
 
     def _count_lost(self, index: bytes, chunk: _DamagedChunk) -> None:
         """Count the messages of a damaged chunk that an index states, less those that were read."""
@@ -171,14 +164,9 @@ class McapContainer:
         channel, size = _INDEX_HEAD.unpack_from(index)
         if size != len(index) - _INDEX_HEAD.size or size % _INDEX_ENTRY:
             return
-        if not chunk.indexed:
-            chunk.indexed = True
-            self.damage.uncounted_chunks -= 1
+        self.damage.uncounted_chunks -= not chunk.indexed
+        chunk.indexed = True
         self.damage.messages[channel] += max(size // _INDEX_ENTRY - chunk.read[channel], 0)
-
-    def _note_reason(self, reason: str) -> None:
-        """Remember the reason of the first damage."""
-        self.damage.reason = self.damage.reason or reason
 
     def _unpacked(self, content: bytes) -> bytes:
         """Return the records of a chunk, unpacked; damage is an error of any kind."""
@@ -203,43 +191,18 @@ class McapContainer:
 
 def _decompressed(chunk: Any, size: int) -> bytes:
     """Unpack a chunk; at most one byte more than ``size`` is taken."""
+    stream = BytesIO(chunk.data)
     if chunk.compression == "zstd":
         packer = optional("zstandard", "bags").ZstdDecompressor(max_window_size=_WINDOW)
-        with packer.stream_reader(BytesIO(chunk.data)) as stream:
-            return bytes(stream.read(size + 1))
-    if chunk.compression == "lz4":
+        stream = packer.stream_reader(stream)
+    elif chunk.compression == "lz4":
         packer = optional("lz4.frame", "bags").LZ4FrameDecompressor()
         return bytes(packer.decompress(chunk.data, max_length=size + 1))
-    if chunk.compression == "":
-        return bytes(chunk.data)
-    raise ValueError(
-        f"chunks must be packed by zstd, lz4 or not at all, got {chunk.compression[:20]!r}"
-    )
-
-
-def _starts_in(data: bytes) -> tuple[array[int], str]:
-    """Return where the records of a chunk start, and what is wrong with the first that does not fit.
-
-    Records behind one that goes beyond the end of the chunk are not looked for. A record may have
-    no content: of their starts, millions take little memory.
-    """
-    starts = array("Q")
-    position = 0
-    while position < len(data):
-        span = _span_at(data, position)
-        if span.stop > len(data):
-            return starts, "a record goes beyond the end of its chunk"
-        if span.kind in (SCHEMA, CHANNEL, MESSAGE):
-            starts.append(position)
-        position = span.stop
-    return starts, ""
-
-
-def _span_at(data: bytes, position: int) -> _Span:
-    """Return the record of a chunk that starts at a position."""
-    begin = position + _RECORD_HEAD
-    stop = begin + int.from_bytes(data[position + 1 : begin], "little")
-    return _Span(data[position], begin, stop)
+    elif chunk.compression:
+        raise ValueError(
+            f"chunks must be packed by zstd, lz4 or not at all, got {chunk.compression[:20]!r}"
+        )
+    return bytes(stream.read(size + 1))
 
 
 def _record_heads(file: BinaryIO, end: int) -> Iterator[tuple[int, int]]:
@@ -263,8 +226,7 @@ def _summary_start(file: BinaryIO, end: int) -> int:
         return end
     file.seek(begin)
     footer = file.read(length)
-    body_size = int.from_bytes(footer[1:_RECORD_HEAD], "little")
-    if footer[0] != _FOOTER or body_size != _FOOTER_BODY.size:
+    if footer[:_RECORD_HEAD] != struct.pack("<BQ", _FOOTER, _FOOTER_BODY.size):
         return end
     start: int = _FOOTER_BODY.unpack_from(footer, _RECORD_HEAD)[0]
     return start if len(_MAGIC) <= start < begin else end

@@ -68,11 +68,8 @@ def pose_message(nanoseconds: int, pose: ArrayLike) -> Message:
     dict
         The message.
     """
-    return {
-        "timestamp": _time(nanoseconds),
-        "frame_id": LANE_FRAME,
-        "pose": {"position": _position(pose), "orientation": _orientation(pose)},
-    }
+    pose_of_vehicle = {"position": _position(pose), "orientation": _orientation(pose)}
+    return {**_in_lane(nanoseconds), "pose": pose_of_vehicle}
 
 
 def transform_message(nanoseconds: int, pose: ArrayLike) -> Message:
@@ -117,20 +114,18 @@ def grid_message(
         The message. Every cell has ``db`` (float) and a grey in ``red``, ``green``, ``blue`` and
         ``alpha``, which is 0 where no scan looked.
     """
-    rows, columns = decibels.shape
     is_measured = np.isfinite(decibels)
     levels = np.clip((np.where(is_measured, decibels, median_db) - median_db) / SHOWN_DB, 0.0, 1.0)
-    greys = np.round(255 * levels).astype(np.uint8)
-    cells = np.zeros((rows, columns), _CELL)
+    cells = np.zeros(decibels.shape, _CELL)
     cells["db"] = decibels
     for name in ("red", "green", "blue"):
-        cells[name] = greys
+        cells[name] = np.round(255 * levels)
     cells["alpha"] = np.where(is_measured, 255, 0)
+    columns = decibels.shape[1]
     # The message places the outer corner of the first cell, not its centre.
-    corner = {"x": first[0] - spacing[0] / 2, "y": first[1] - spacing[1] / 2, "z": 0.0}
+    corner = _xyz(first[0] - spacing[0] / 2, first[1] - spacing[1] / 2, 0.0)
     return {
-        "timestamp": _time(nanoseconds),
-        "frame_id": LANE_FRAME,
+        **_in_lane(nanoseconds),
         "pose": {"position": corner, "orientation": _NO_TURN},
         "column_count": columns,
         "cell_size": {"x": spacing[0], "y": spacing[1]},
@@ -162,10 +157,8 @@ def alarms_message(
         The message.
     """
     time = _time(nanoseconds)
-    deletions = []
-    for alarm_id in withdrawn:
-        deletions.append({"timestamp": time, "type": _DELETE_THIS_ID, "id": alarm_id})
-    return {"deletions": deletions, "entities": [_entity(time, alarm) for alarm in alarms]}
+    deletions = [{"timestamp": time, "type": _DELETE_THIS_ID, "id": one} for one in withdrawn]
+    return {"deletions": deletions, "entities": [_entity(nanoseconds, one) for one in alarms]}
 
 
 def geojson_message(alarms: Sequence[Mapping[str, Any]], statement: str) -> Message:
@@ -185,10 +178,9 @@ def geojson_message(alarms: Sequence[Mapping[str, Any]], statement: str) -> Mess
     """
     features = []
     for alarm in alarms:
-        properties = {
-            name: value for name, value in alarm.items() if name not in ("longitude", "latitude")
-        }
-        geometry = {"type": "Point", "coordinates": [alarm["longitude"], alarm["latitude"]]}
+        properties = dict(alarm)
+        place = [properties.pop(name) for name in ("longitude", "latitude")]
+        geometry = {"type": "Point", "coordinates": place}
         features.append({"type": "Feature", "geometry": geometry, "properties": properties})
     collection = {"type": "FeatureCollection", "statement": statement, "features": features}
     return {"geojson": compact_json(collection)}
@@ -221,19 +213,27 @@ def _time(nanoseconds: int) -> dict[str, int]:
     return {"sec": seconds, "nsec": rest}
 
 
+def _in_lane(nanoseconds: int) -> Message:
+    """Return the members of a message that has a time and is in the lane."""
+    return {"timestamp": _time(nanoseconds), "frame_id": LANE_FRAME}
+
+
+def _xyz(x: float, y: float, z: float) -> dict[str, float]:
+    """Return a place."""
+    return {"x": x, "y": y, "z": z}
+
+
 def _position(pose: ArrayLike) -> dict[str, float]:
     """Return the position of a pose."""
-    x, y, z = (float(value) for value in np.asarray(pose, np.float64)[:3])
-    return {"x": x, "y": y, "z": z}
+    return _xyz(*np.asarray(pose, np.float64)[:3].tolist())
 
 
 def _orientation(pose: ArrayLike) -> dict[str, float]:
     """Return the attitude of a pose as the turn from lane axes to those of ROS."""
     from scipy.spatial.transform import Rotation
 
-    turn = pose_matrix(pose) @ _AXES_OF_ROS
-    x, y, z, w = (float(value) for value in Rotation.from_matrix(turn).as_quat(canonical=True))
-    return {"x": x, "y": y, "z": z, "w": w}
+    turn = Rotation.from_matrix(pose_matrix(pose) @ _AXES_OF_ROS).as_quat(canonical=True)
+    return dict(zip("xyzw", turn.tolist(), strict=True))
 
 
 def _fields() -> list[dict[str, Any]]:
@@ -246,7 +246,7 @@ def _fields() -> list[dict[str, Any]]:
     return fields
 
 
-def _entity(time: dict[str, int], alarm: Mapping[str, Any]) -> Message:
+def _entity(nanoseconds: int, alarm: Mapping[str, Any]) -> Message:
     """Return an alarm as a marker with its confidence, which replaces one of the same name."""
     x = float(alarm["x"])
     y = float(alarm["y"])
@@ -254,29 +254,25 @@ def _entity(time: dict[str, int], alarm: Mapping[str, Any]) -> Message:
     red, green, blue = _TOO_NEAR_COLOUR if is_too_near else _ALARM_COLOUR
     colour = {"r": red, "g": green, "b": blue, "a": 1.0}
     marker = {
-        "pose": {"position": {"x": x, "y": y, "z": 0.0}, "orientation": _NO_TURN},
-        "size": {"x": _MARKER, "y": _MARKER, "z": _MARKER},
+        "pose": {"position": _xyz(x, y, 0.0), "orientation": _NO_TURN},
+        "size": _xyz(_MARKER, _MARKER, _MARKER),
         "color": colour,
     }
     label = {
-        "pose": {"position": {"x": x, "y": y, "z": _LABEL_HEIGHT}, "orientation": _NO_TURN},
+        "pose": {"position": _xyz(x, y, _LABEL_HEIGHT), "orientation": _NO_TURN},
         "billboard": True,
         "font_size": _FONT_SIZE,
         "scale_invariant": True,
         "color": colour,
         "text": f"{alarm['confidence']:.3g}",
     }
-    metadata = []
-    for name, value in alarm.items():
-        if name not in ("alarm_id", "x", "y"):
-            metadata.append({"key": name, "value": value if isinstance(value, str) else str(value)})
+    kept = {name: value for name, value in alarm.items() if name not in ("alarm_id", "x", "y")}
     return {
-        "timestamp": time,
-        "frame_id": LANE_FRAME,
+        **_in_lane(nanoseconds),
         "id": str(alarm["alarm_id"]),
         "lifetime": {"sec": 0, "nsec": 0},  # it stays until it is replaced or deleted
         "frame_locked": False,
-        "metadata": metadata,
+        "metadata": [{"key": name, "value": str(value)} for name, value in kept.items()],
         "spheres": [marker],
         "texts": [label],
         **{name: [] for name in _UNUSED_PRIMITIVES},

@@ -8,7 +8,8 @@ the messages in it (:mod:`flgpr_exchange.bags.container`).
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -24,9 +25,9 @@ from flgpr.formats.draft_mapping import draft_of_file
 from flgpr.formats.reader import Explanation, Reader
 from flgpr.json_text import parse_json
 from flgpr.store.extras import optional
-from flgpr.types import AnyArray
+from flgpr.types import AnyArray, Entries, Notes
 from flgpr_exchange.bags.cdr import MOST_MESSAGE, Decoder, message_decoder
-from flgpr_exchange.bags.container import MESSAGE, SCHEMA, McapContainer
+from flgpr_exchange.bags.container import CHANNEL, MESSAGE, SCHEMA, McapContainer
 
 _MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log and publish time in ns
 _LARGEST_JSON = 64 * 2**20  # bytes of a message; it takes many times that when it is read
@@ -41,6 +42,11 @@ _CONVERTED = {
 }
 """Beginnings of files that must be converted, and what these are."""
 _RECOVER = "mcap recover makes a file of what is there"
+_BAD_RECORDS = "records of schemas and channels are damaged"
+_HEADLESS = "messages without a whole head are left out"
+_UNDECLARED = "messages of channels that nothing declares are left out"
+_Known = dict[int, dict[int, Any]]
+"""Schemas and channels by their numbers, by the kinds of their records."""
 
 
 @dataclass
@@ -53,14 +59,23 @@ class _Series:
     count: int = 0
     first: int = 0  # log times, ns
     last: int = 0
-    fields: dict[str, Any] = field(default_factory=dict)  # of the first message that can be read
+    fields: Entries = field(default_factory=dict)  # of the first message that can be read
     known: bool = False  # whether one was read
     damaged: int = 0  # messages that cannot be read, of those decoded
     fault: str = ""
 
-    def all_fields(self) -> dict[str, Any]:
+    def all_fields(self) -> Entries:
         """Return the fields of a message, the recorder's two times before them."""
         return {_LOG_TIME: np.float64(), _PUBLISH_TIME: np.float64(), **self.fields}
+
+    def damage(self) -> list[str]:
+        """Return the note of messages that are damaged, if there are any."""
+        if not self.damaged:
+            return []
+        return [
+            f"{self.name}: {self.damaged} of {self.count} messages are damaged "
+            f"and left out ({self.fault})"
+        ]
 
 
 class _Message(NamedTuple):
@@ -70,30 +85,6 @@ class _Message(NamedTuple):
     content: Any  # its fields by path; _DAMAGED, or None where it is not needed
     log_time: int  # ns
     publish_time: int  # ns
-
-
-class _Declarations:
-    """The schemas and channels that records declare, and the decoders of their messages."""
-
-    def __init__(self) -> None:
-        self.schemas: dict[int, Any] = {}
-        self.channels: dict[int, Any] = {}
-        self.decoders: dict[int, Decoder | None] = {}
-        self.damaged = 0  # records that cannot be read
-        self.with_summary = False  # whether those that the summary repeats are among them
-        self._records = optional("mcap.records", "bags")
-        self._stream = optional("mcap.data_stream", "bags").ReadDataStream
-
-    def add(self, kind: int, content: bytes) -> None:
-        """Add a schema or a channel; a record that is damaged is counted."""
-        reader = self._records.Schema if kind == SCHEMA else self._records.Channel
-        try:
-            declared = reader.read(self._stream(BytesIO(content)))
-        except Exception:  # whatever the library raises on what is damaged
-            self.damaged += 1
-            return
-        known = self.schemas if kind == SCHEMA else self.channels
-        known[declared.id] = declared
 
 
 class Recording:
@@ -123,11 +114,12 @@ class Recording:
         self._transforms: dict[str, _Series] = {}  # their topics, whose messages may be damaged
         self._columns: dict[str, AnyArray] = {}
         self._field_of: dict[str, tuple[str, str]] = {}  # series and field of an array
-        self._declared = _Declarations()
-        self._undeclared = 0  # messages of channels that nothing declares
-        self._short = 0  # messages whose head is cut off
+        self._known: _Known = {SCHEMA: {}, CHANNEL: {}}
+        self._decoders: dict[int, Decoder | None] = {}  # by the number of the channel
+        self._has_summary = False  # whether what the summary repeats is known
+        self._left_out: Counter[str] = Counter()
         self.arrays: dict[str, ArrayInfo] = {}
-        self.notes: list[str] = []
+        self.notes: Notes = []
         self._count()
 
     @property
@@ -150,7 +142,13 @@ class Recording:
         """Stack the fields of a series; where all are too large, the ``required`` one alone."""
         series = self._series[name]
         needed = (required, _LOG_TIME)
-        columns = self._empty_columns(series, needed)
+        fields = series.all_fields()
+        bytes_of_message = sum(np.asarray(value).nbytes for value in fields.values())
+        if series.count * bytes_of_message > self.limit:
+            fields = {label: fields[label] for label in fields if label in needed}
+        columns = {}
+        for label, value in fields.items():
+            columns[label] = np.empty((series.count, *np.shape(value)), np.asarray(value).dtype)
         row = 0
         damaged_before = series.damaged
         series.damaged = 0
@@ -179,45 +177,24 @@ class Recording:
             raise ValueError(
                 f"{name}: none of its {series.count} messages can be read: {series.fault}"
             )
-        if series.damaged and series.damaged != damaged_before:
-            self._note_damage(series)
+        if series.damaged != damaged_before:
+            self.notes += series.damage()
         series.damaged = max(series.damaged, damaged_before)
 
         # Messages are mostly in order, but several writers may share a file.
         order = np.argsort(columns[_LOG_TIME][:row], kind="stable")
-        self._columns = {}
-        for label, column in columns.items():
-            self._columns[_array_name(name, label)] = column[:row][order]
-
-    def _empty_columns(self, series: _Series, needed: tuple[str, ...]) -> dict[str, AnyArray]:
-        """Return an empty array for every field; where all are too large, for the needed alone."""
-        fields = series.all_fields()
-        bytes_of_message = sum(np.asarray(value).nbytes for value in fields.values())
-        if series.count * bytes_of_message > self.limit:
-            fields = {label: fields[label] for label in fields if label in needed}
-        columns = {}
-        for label, value in fields.items():
-            shape = (series.count, *np.shape(value))
-            columns[label] = np.empty(shape, np.asarray(value).dtype)
-        return columns
-
-    def _note_damage(self, series: _Series) -> None:
-        """Add a note of the damaged messages of a series."""
-        self.notes.append(
-            f"{series.name}: {series.damaged} of {series.count} messages are damaged "
-            f"and left out ({series.fault})"
-        )
+        self._columns = {
+            _array_name(name, label): column[:row][order] for label, column in columns.items()
+        }
 
     def _count(self) -> None:
         """Go through the file once: count messages, and find the fields of every series."""
         for message in self._messages(None):
             series = self._series[message.series]
-            if series.count:
-                series.first = min(series.first, message.log_time)
-                series.last = max(series.last, message.log_time)
-            else:
-                series.first = message.log_time
-                series.last = message.log_time
+            if not series.count:
+                series.first = series.last = message.log_time
+            series.first = min(series.first, message.log_time)
+            series.last = max(series.last, message.log_time)
             can_be_read = message.content is not None and message.content is not _DAMAGED
             if can_be_read and not series.known:
                 for label, value in message.content.items():
@@ -227,21 +204,16 @@ class Recording:
             series.count += 1
         self._note_container()
         for series in (*self._series.values(), *self._transforms.values()):
-            if series.damaged:
-                self._note_damage(series)
+            self.notes += series.damage()
         for series in self._series.values():
-            self._list_arrays(series)
-
-    def _list_arrays(self, series: _Series) -> None:
-        """Add the arrays of a series to ``arrays``."""
-        for label, value in series.all_fields().items():
-            values = np.asarray(value)
-            name = _array_name(series.name, label)
-            is_time = label.startswith("@") or label.split(".")[-1] == "stamp"
-            shape = (series.count, *values.shape)
-            self._field_of[name] = (series.name, label)
-            unit = "s" if is_time else ""
-            self.arrays[name] = ArrayInfo(name, shape, str(values.dtype), unit)
+            for label, value in series.all_fields().items():
+                values = np.asarray(value)
+                name = _array_name(series.name, label)
+                is_time = label.startswith("@") or label.split(".")[-1] == "stamp"
+                shape = (series.count, *values.shape)
+                self._field_of[name] = (series.name, label)
+                unit = "s" if is_time else ""
+                self.arrays[name] = ArrayInfo(name, shape, str(values.dtype), unit)
 
     def _messages(self, decoded: set[str] | None) -> Iterator[_Message]:
         """Yield all messages in the order of the file.
@@ -249,62 +221,48 @@ class Recording:
         Those of the series ``decoded`` are decoded; if it is None, the first that can be read of
         every series.
         """
-        self._declared = _Declarations()
-        self._undeclared = 0
-        self._short = 0
-        for kind, content in self._container.records():
+        self._known = {SCHEMA: {}, CHANNEL: {}}
+        self._decoders = {}
+        self._has_summary = False
+        self._left_out.clear()
+        for kind, record in self._container.records():
             if kind != MESSAGE:
-                self._declared.add(kind, content)
-            elif len(content) < _MESSAGE_HEAD.size:
-                self._short += 1
-            else:
-                yield from self._message(content, decoded)
+                self._left_out[_BAD_RECORDS] += not _declare(kind, record, self._known)
+                continue
+            if len(record) < _MESSAGE_HEAD.size:
+                self._left_out[_HEADLESS] += 1
+                continue
+            number, _, log_time, publish_time = _MESSAGE_HEAD.unpack_from(record)
+            channel = self._channel(number)
+            if channel is None:
+                self._left_out[_UNDECLARED] += 1
+                continue
+            data = record[_MESSAGE_HEAD.size :]
+            schema = self._known[SCHEMA].get(channel.schema_id)
+            if number not in self._decoders:
+                self._decoders[number] = self._decoder(channel, schema)
+            decode = self._decoders[number]
 
-    def _message(self, record: bytes, decoded: set[str] | None) -> Iterator[_Message]:
-        """Yield a message, or each transform that it holds."""
-        number, _, log_time, publish_time = _MESSAGE_HEAD.unpack_from(record)
-        channel = self._channel(number)
-        if channel is None:
-            self._undeclared += 1
-            return
-        data = record[_MESSAGE_HEAD.size :]
-        schema = self._declared.schemas.get(channel.schema_id)
-        decoders = self._declared.decoders
-        if number not in decoders:
-            decoders[number] = self._decoder(channel, schema)
-        decode = decoders[number]
-
-        topic = channel.topic
-        holds_transforms = schema is not None and schema.name.endswith("TFMessage")
-        if holds_transforms and decode is not None:
-            if decoded is None or any(name.startswith(f"{topic}/") for name in decoded):
-                for name, transform in self._transforms_of(topic, decode, data):
-                    yield _Message(name, transform, log_time, publish_time)
-            return
-        series = self._series[topic]
-        is_wanted = not series.known if decoded is None else topic in decoded
-        content = None
-        if is_wanted and decode is not None:
-            content = _decoded(lambda data: _flat(decode(data)), data, series)
-        yield _Message(topic, content, log_time, publish_time)
+            topic = channel.topic
+            if decode is not None and schema is not None and schema.name.endswith("TFMessage"):
+                if decoded is None or any(name.startswith(f"{topic}/") for name in decoded):
+                    for name, fields in self._transforms_of(topic, decode, data):
+                        yield _Message(name, fields, log_time, publish_time)
+                continue
+            series = self._series[topic]
+            is_wanted = not series.known if decoded is None else topic in decoded
+            content = None
+            if is_wanted and decode is not None:
+                content = _decoded(decode, data, series, _flat)
+            yield _Message(topic, content, log_time, publish_time)
 
     def _transforms_of(self, topic: str, decode: Decoder, data: bytes) -> Iterator[tuple[str, Any]]:
         """Yield series and fields of each transform of a message; a damaged one is counted."""
-
-        def transforms_in(data: bytes) -> list[tuple[str, dict[str, Any]]]:
-            found = []
-            for transform in decode(data).get("transforms", ()):
-                parent = str(transform["header"]["frame_id"])
-                child = str(transform["child_frame_id"])
-                found.append((f"{topic}/{parent}>{child}", _flat(transform)))
-            return found
-
         carrier = self._transforms.setdefault(topic, _Series(topic, "transforms", "cdr"))
-        content = _decoded(transforms_in, data, carrier)
         carrier.count += 1
-        if content is _DAMAGED:
-            return
-        for name, fields in content:
+        content = _decoded(decode, data, carrier, _transforms_in)
+        for frames, fields in () if content is _DAMAGED else content:
+            name = f"{topic}/{frames}"
             self._series.setdefault(name, _Series(name, "transforms", "cdr"))
             yield name, fields
 
@@ -313,15 +271,15 @@ class Recording:
 
         The summary repeats it where the chunk that declared it is damaged.
         """
-        declared = self._declared
-        if number not in declared.channels and not declared.with_summary:
-            repeated = _Declarations()
+        channels = self._known[CHANNEL]
+        if number not in channels and not self._has_summary:
+            repeated: _Known = {SCHEMA: {}, CHANNEL: {}}
             for kind, content in self._container.summary():
-                repeated.add(kind, content)
-            declared.schemas = repeated.schemas | declared.schemas
-            declared.channels = repeated.channels | declared.channels
-            declared.with_summary = True
-        return declared.channels.get(number)
+                _declare(kind, content, repeated)
+            for kind, known in self._known.items():
+                known |= repeated[kind] | known
+            self._has_summary = True
+        return channels.get(number)
 
     def _note_container(self) -> None:
         """Add notes of what of the file is damaged and left out.
@@ -339,14 +297,9 @@ class Recording:
             notes.append(
                 f"it is cut off before the end of its data: what came behind is lost, {_RECOVER}"
             )
-        if self._declared.damaged:
-            notes.append(f"{self._declared.damaged} records of schemas and channels are damaged")
-        if self._short:
-            notes.append(f"{self._short} messages without a whole head are left out")
-        if self._undeclared:
-            notes.append(
-                f"{self._undeclared} messages of channels that nothing declares are left out"
-            )
+        for what in (_BAD_RECORDS, _HEADLESS, _UNDECLARED):
+            if self._left_out[what]:
+                notes.append(f"{self._left_out[what]} {what}")
         if notes and not any(series.count for series in self._series.values()):
             reason = f": {damage.reason}" if damage.reason else ""
             raise ValueError(f"it holds no message that can be read{reason}; {'; '.join(notes)}")
@@ -362,13 +315,10 @@ class Recording:
             return "with messages that no index counts"
         counts = []
         for number, count in damage.messages.items():
-            if not count:
-                continue
-            channel = self._channel(number)
-            topic = channel.topic if channel else f"channel {number}"
-            counts.append(f"{count} of {topic}")
-        total = sum(damage.messages.values())
-        summary = f"with {total} messages"
+            if count:
+                channel = self._channel(number)
+                counts.append(f"{count} of {channel.topic if channel else f'channel {number}'}")
+        summary = f"with {sum(damage.messages.values())} messages"
         if counts:
             summary += f": {', '.join(counts)}"
         if damage.uncounted_chunks:
@@ -404,38 +354,56 @@ class Recording:
 
 def _line_of(series: _Series) -> str:
     """Return in words what a series holds."""
-    span = ""
-    if series.count > 1:
-        span = f" over {(series.last - series.first) / 1e9:.6g} s"
-    vectors = []  # fields of vectors, whose components are not listed
-    for name, value in series.fields.items():
-        if f"{name}.x" in series.fields and np.ndim(value):
-            vectors.append(f"{name}.")
-    shapes = []
-    for name, value in series.fields.items():
-        if not name.startswith(tuple(vectors)):
-            size = "x".join(map(str, np.shape(value)))
-            shapes.append(f"{name} {size}".strip())
+    span = f" over {(series.last - series.first) / 1e9:.6g} s" if series.count > 1 else ""
+    fields = series.fields
+    # Components of vectors are not listed.
+    vectors = tuple(
+        f"{name}." for name in fields if f"{name}.x" in fields and np.ndim(fields[name])
+    )
+    shapes = [
+        f"{name} {'x'.join(map(str, np.shape(value)))}".strip()
+        for name, value in fields.items()
+        if not name.startswith(vectors)
+    ]
     content = ", ".join(shapes) if series.known else series.fault
     kind = series.kind or series.encoding
     return f"{series.name}: {series.count} {kind}{span}; {content or 'no numbers'}"
 
 
-def _decoded(decode: Callable[[bytes], Any], data: bytes, series: _Series) -> Any:
-    """Return what a message holds; ``_DAMAGED`` for a damaged one, which its series counts."""
+def _declare(kind: int, content: bytes, known: _Known) -> bool:
+    """Add a schema or a channel to those that are known, unless its record is damaged."""
+    records = optional("mcap.records", "bags")
+    stream = optional("mcap.data_stream", "bags").ReadDataStream(BytesIO(content))
     try:
-        return decode(data)
+        declared = (records.Schema if kind == SCHEMA else records.Channel).read(stream)
+    except Exception:  # whatever the library raises on what is damaged
+        return False
+    known[kind][declared.id] = declared
+    return True
+
+
+def _decoded(decode: Decoder, data: bytes, series: _Series, take: Callable[[Entries], Any]) -> Any:
+    """Return what is taken of a message; ``_DAMAGED`` for a damaged one, which its series counts."""
+    try:
+        return take(decode(data))
     except (ValueError, KeyError, IndexError, OverflowError, RecursionError) as error:
         series.damaged += 1
         series.fault = " ".join(str(error).split())[:120] or type(error).__name__
         return _DAMAGED
 
 
+def _transforms_in(content: Entries) -> list[tuple[str, Entries]]:
+    """Return frames and fields of each transform of a message."""
+    found = []
+    for transform in content.get("transforms", ()):
+        frames = f"{transform['header']['frame_id']}>{transform['child_frame_id']}"
+        found.append((frames, _flat(transform)))
+    return found
+
+
 def _fits(value: Any, shape: tuple[int, ...]) -> bool:
     """Return whether a value of a message is there, is no text, and has a shape."""
-    if value is None or isinstance(value, str):
-        return False
-    return np.shape(value) == shape
+    return value is not None and not isinstance(value, str) and np.shape(value) == shape
 
 
 def _array_name(series: str, label: str) -> str:
@@ -451,70 +419,56 @@ def _from_json(data: bytes) -> Any:
     return parse_json(data, whole=float)
 
 
-def _flat(content: Any) -> dict[str, Any]:
-    """Return the numbers and texts of a message by their path.
+def _flat(content: Any, path: str = "", budget: Budget | None = None) -> Entries:
+    """Return the numbers and texts of a message, or of a part at a path, by their path.
 
-    Lists of like messages become arrays of their fields. Paths that take more memory than a message
-    may are a ValueError: each repeats all names above it.
+    A stamp is a number of seconds; fields that all are numbers are a vector besides. Lists of like
+    messages become arrays of their fields. Paths that take more memory than a message may are a
+    ValueError: each repeats all names above it.
     """
-    fields: dict[str, Any] = {}
-    _add_flat(fields, content, "", Budget("the fields of a message", MOST_MESSAGE))
-    return fields
-
-
-def _add_flat(fields: dict[str, Any], content: Any, path: str, budget: Budget) -> None:
-    """Add the numbers and texts of a part of a message to those of the message."""
+    budget = budget or Budget("the fields of a message", MOST_MESSAGE)
     if isinstance(content, dict):
-        _add_table(fields, content, path, budget)
-    elif isinstance(content, (list, tuple)):
-        _add_list(fields, content, path, budget)
-    elif isinstance(content, (np.ndarray, str)):
-        fields[path] = content
-    elif content is None:
-        fields[path] = np.float64(np.nan)
-    else:
-        fields[path] = np.float64(content) if isinstance(content, (int, float)) else content
+        return _flat_table(content, path, budget)
+    if isinstance(content, (list, tuple)):
+        if content and all(isinstance(item, dict) for item in content):
+            return _flat_tables(content, path, budget)
+        with suppress(ValueError, TypeError):
+            return {path: np.array(content, dtype=np.float64)}
+        return {}
+    if isinstance(content, (int, float)) or content is None:
+        return {path: np.float64(np.nan if content is None else content)}
+    return {path: content}
 
 
-def _add_table(fields: dict[str, Any], content: dict[str, Any], path: str, budget: Budget) -> None:
-    """Add the fields of a message by their path.
-
-    A stamp is a number of seconds; fields that all are numbers are a vector besides.
-    """
+def _flat_table(content: Entries, path: str, budget: Budget) -> Entries:
+    """Return the fields of a part of a message by their path."""
     is_nested = any(isinstance(value, (dict, list, str)) for value in content.values())
     if set(content) in _STAMPS and not is_nested:
         stamp = dict(content)
         seconds = float(stamp.pop("sec"))
         (nanoseconds,) = stamp.values()  # "nanosec" of ROS 2, "nsec" of ROS 1
-        fields[path] = np.float64(seconds + 1e-9 * float(nanoseconds))
-        return
+        return {path: np.float64(seconds + 1e-9 * float(nanoseconds))}
     budget.spend(sum(VALUE + len(path) + len(name) for name in content))
+    fields: Entries = {}
     for name, value in content.items():
-        _add_flat(fields, value, f"{path}.{name}" if path else str(name), budget)
+        fields |= _flat(value, f"{path}.{name}" if path else str(name), budget)
     components = [fields.get(f"{path}.{name}") for name in content]
     all_numbers = all(isinstance(value, (np.number, np.bool_)) for value in components)
     if path and len(components) > 1 and all_numbers:
         fields[path] = np.array(components)
+    return fields
 
 
-def _add_list(
-    fields: dict[str, Any], content: list[Any] | tuple[Any, ...], path: str, budget: Budget
-) -> None:
-    """Add a list of numbers as an array, one of like messages as arrays of their fields."""
-    if content and all(isinstance(item, dict) for item in content):
-        rows = []
-        for item in content:
-            row: dict[str, Any] = {}
-            _add_flat(row, item, "", budget)
-            rows.append(row)
-        for name, first in rows[0].items():
-            values: list[Any] = [row.get(name) for row in rows]
-            if all(_fits(value, np.shape(first)) for value in values):
-                budget.spend(VALUE + len(path) + len(name))
-                fields[f"{path}.{name}"] = np.stack(values)
-        return
-    with suppress(ValueError, TypeError):
-        fields[path] = np.array(content, dtype=np.float64)
+def _flat_tables(content: Sequence[Entries], path: str, budget: Budget) -> Entries:
+    """Return like parts of a message as arrays of their fields."""
+    rows = [_flat_table(item, "", budget) for item in content]
+    fields: Entries = {}
+    for name, first in rows[0].items():
+        values: list[Any] = [row.get(name) for row in rows]
+        if all(_fits(value, np.shape(first)) for value in values):
+            budget.spend(VALUE + len(path) + len(name))
+            fields[f"{path}.{name}"] = np.stack(values)
+    return fields
 
 
 class McapReader(Reader):
@@ -544,15 +498,8 @@ class McapReader(Reader):
     def open_arrays(self, path: Path, limit: int) -> ArrayFile:
         """Open the fields of all topics as arrays over their messages."""
         recording = Recording(path, limit)
-        return ArrayFile(
-            path,
-            self.kind,
-            recording.arrays,
-            recording.read,
-            limit,
-            recording.lines,
-            recording.notes,
-        )
+        arrays, lines, notes = recording.arrays, recording.lines, recording.notes
+        return ArrayFile(path, self.kind, arrays, recording.read, limit, lines, notes)
 
     def explain(self, path: Path, limit: int) -> Explanation:
         """Return the topics: the arrays are too many, and take too long, to read them all."""

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 from flgpr.door import open_own
 from flgpr.store.extras import optional
@@ -32,7 +33,7 @@ class McapWriter:
         self._writer.start(library=_LIBRARY)
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
-        self._counts: dict[str, int] = {}
+        self._counts: Counter[str] = Counter()
 
     def add(self, topic: str, nanoseconds: int, message: Message) -> None:
         """Add a message.
@@ -53,13 +54,14 @@ class McapWriter:
         """
         data = compact_json(message).encode()
         if topic not in self._channels:
-            self._channels[topic] = self._writer.register_channel(
-                topic, "json", self._schema(self._topics[topic])
-            )
-            self._counts[topic] = 0
-        self._writer.add_message(
-            self._channels[topic], nanoseconds, data, nanoseconds, self._counts[topic]
-        )
+            name = self._topics[topic]
+            if name not in self._schemas:  # declared when it is first used
+                schema = compact_json(SCHEMAS[name]).encode()
+                self._schemas[name] = self._writer.register_schema(name, "jsonschema", schema)
+            channel = self._writer.register_channel(topic, "json", self._schemas[name])
+            self._channels[topic] = channel
+        channel, count = self._channels[topic], self._counts[topic]
+        self._writer.add_message(channel, nanoseconds, data, nanoseconds, count)
         self._counts[topic] += 1
 
     def describe(self, name: str, entries: Mapping[str, str]) -> None:
@@ -69,13 +71,6 @@ class McapWriter:
     def finish(self) -> None:
         """Write what comes behind the messages: the file is complete then."""
         self._writer.finish()
-
-    def _schema(self, name: str) -> Any:
-        """Return the number of a schema, declared when it is first used."""
-        if name not in self._schemas:
-            data = compact_json(SCHEMAS[name]).encode()
-            self._schemas[name] = self._writer.register_schema(name, "jsonschema", data)
-        return self._schemas[name]
 
 
 @contextmanager

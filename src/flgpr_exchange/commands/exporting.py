@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import tempfile
 import zipfile
 from collections.abc import Callable, Iterator
@@ -29,6 +30,7 @@ from flgpr.store.dialects import TableReading, parse_columns_option
 from flgpr.store.files import existing
 from flgpr.store.outputs import atomic_output
 from flgpr.store.tables import json_value, parse_table, write_table
+from flgpr.types import AnyArray
 from flgpr_exchange.cphd.phase_history import write_cphd
 from flgpr_exchange.maps import qgis
 from flgpr_exchange.maps.imsma import imsma_table
@@ -48,8 +50,7 @@ _SHADED_QUANTILES = (0.5, 0.998)
 
 def export_run(wish: Wish) -> Path:
     """Export a stored run as CPHD; it must have a place on the Earth."""
-    refuse_options(wish)
-    target = check_parent_folder(wish.output)
+    target = output_of(wish)
     run = open_run(wish.source)
     anchor = needed_anchor(wish.anchor, run.attrs.get("georeference"), wish.source)
     with atomic_output(target) as partial:
@@ -63,8 +64,7 @@ def export_sigmf(wish: Wish) -> Path:
     Without an anchor, its own or another, the recording has no places, and without a time of the
     first scan it has no dates.
     """
-    refuse_options(wish)
-    target = check_parent_folder(wish.output)
+    target = output_of(wish)
     begin = None if wish.time is None else moment_of(wish.time)
     run = open_run(wish.source)
     reference = run.attrs.get("georeference")
@@ -74,11 +74,12 @@ def export_sigmf(wish: Wish) -> Path:
     return write_sigmf(run, target, anchor, begin)
 
 
-def refuse_options(wish: Wish, *taken: str) -> None:
-    """Refuse options that go with another format alone."""
+def output_of(wish: Wish, *taken: str) -> Path:
+    """Return the path to write; options that go with another format alone are refused."""
     for name, format_name in (("score", "qgis"), ("organisation", "imsma")):
         if getattr(wish, name) is not None and name not in taken:
             raise ValueError(f"{name} goes with {format_name}, got to {wish.to!r}")
+    return check_parent_folder(wish.output)
 
 
 def moment_of(time: str, limits: str = "") -> datetime:
@@ -108,9 +109,8 @@ class _Rows:
 
 def export_points(wish: Wish) -> Path:
     """Export the alarms of a result, or a table, as points on the Earth."""
-    refuse_options(wish)
+    target = output_of(wish)
     rows = _rows_of(wish, wish.kind)
-    target = check_parent_folder(wish.output)
     points = rows.points(wish.time)
     about = {
         "kind": rows.kind,
@@ -132,17 +132,15 @@ def export_points(wish: Wish) -> Path:
 
 def export_imsma(wish: Wish) -> Path:
     """Export alarms as a table of points for IMSMA, the information system of mine action."""
-    refuse_options(wish, "organisation")
+    target = output_of(wish, "organisation")
     if wish.time is None:
         raise ValueError(
             "imsma needs the time of the survey, which its minimum data hold: "
             "`time` 2026-05-04T09:30:00Z"
         )
-    rows = _rows_of(wish, "alarms")
-    target = check_parent_folder(wish.output)
-    table = imsma_table(rows.points(wish.time), wish.organisation or "")
+    points = _rows_of(wish, "alarms").points(wish.time)
     with atomic_output(target) as partial:
-        write_table(table, partial)
+        write_table(imsma_table(points, wish.organisation or ""), partial)
     return target
 
 
@@ -167,10 +165,8 @@ def _rows_of(wish: Wish, kind: str) -> _Rows:
     if Path(wish.source).suffix != ".csv":
         if wish.columns is not None and wish.to == "imsma":
             raise ValueError("columns are of alarm lists: a result's list has its own")
-        loaded = read_result(wish.source)
-        alarms = named_detection(loaded, wish.detection).alarms
-        anchor = _anchor_of(wish, loaded.manifest["run"].get("georeference"))
-        return _Rows(alarms, "alarms", anchor, _processing_id(loaded))
+        loaded, chosen, anchor = _result_of(wish)
+        return _Rows(chosen.alarms, "alarms", anchor, _processing_id(loaded))
     data = read_named(existing(wish.source, f"{kind} file"))
     anchor = _anchor_of(wish, None)
     reading = None
@@ -179,6 +175,13 @@ def _rows_of(wish: Wish, kind: str) -> _Rows:
     rows = _parsed(data, kind, wish.source, reading)
     # A table has no processing behind it that could be named: its own digest identifies it.
     return _Rows(rows, kind, anchor, f"sha256:{sha256(data)}")
+
+
+def _result_of(wish: Wish) -> tuple[Result, Detection, Anchor]:
+    """Return a result, the detection of it that is asked for, and the anchor of its lane."""
+    loaded = read_result(wish.source)
+    chosen = named_detection(loaded, wish.detection)
+    return loaded, chosen, _anchor_of(wish, loaded.manifest["run"].get("georeference"))
 
 
 def _anchor_of(wish: Wish, reference: Any) -> Anchor:
@@ -193,13 +196,10 @@ def _anchor_of(wish: Wish, reference: Any) -> Anchor:
 
 def export_view(wish: Wish) -> Path:
     """Export the run-view of a result as GeoTIFF."""
-    refuse_options(wish)
+    target = output_of(wish)
     if Path(wish.source).suffix == ".csv":
         raise ValueError(f"to must be one of geojson, gpkg, kml, gpx, csv, got {wish.to!r}")
-    loaded = read_result(wish.source)
-    chosen = named_detection(loaded, wish.detection)
-    anchor = needed_anchor(wish.anchor, loaded.manifest["run"].get("georeference"), wish.source)
-    target = check_parent_folder(wish.output)
+    loaded, chosen, anchor = _result_of(wish)
     with atomic_output(target) as partial:
         _write_view(loaded, chosen, partial, anchor)
     return target
@@ -211,15 +211,12 @@ def export_qgis(wish: Wish) -> Path:
     The layers are the alarms, styled by confidence, the truth and objects if the result was scored
     with them, the lane's outline, and the run-view.
     """
-    refuse_options(wish, "score")
-    if Path(wish.output).suffix != ".zip":
+    target = output_of(wish, "score")
+    if target.suffix != ".zip":
         raise ValueError(f"output must end in .zip, got {wish.output}")
-    target = check_parent_folder(wish.output)
 
-    loaded = read_result(wish.source)
-    chosen = named_detection(loaded, wish.detection)
+    loaded, chosen, anchor = _result_of(wish)
     identity = _processing_id(loaded)
-    anchor = needed_anchor(wish.anchor, loaded.manifest["run"].get("georeference"), wish.source)
     scored = read_scored_truth(loaded, None if wish.score is None else Path(wish.score))
     truth, objects = (None, None) if scored is None else scored
     tables = {"truth": truth, "alarms": chosen.alarms, "objects": objects}
@@ -228,9 +225,16 @@ def export_qgis(wish: Wish) -> Path:
         folder = Path(temporary)
         layers = []
         for kind, table in tables.items():
-            if table is not None and len(table):
-                rows = _Rows(table, kind, anchor, identity)
-                layers.append(_point_layer(rows, folder, wish.time))
+            if table is None or not len(table):
+                continue
+            points = _Rows(table, kind, anchor, identity).points(wish.time)
+            write_geopackage(points, folder / f"{kind}.gpkg", kind)
+            style: qgis.ByKind | qgis.Graduated
+            if kind in _POINT_COLOURS:
+                style = qgis.by_kind(table["kind"], _POINT_COLOURS[kind])
+            else:
+                style = qgis.graduated("confidence", table["confidence"])
+            layers.append(qgis.MapLayer(kind, f"{kind}.gpkg", "EPSG:4326", "Point", style))
         layers += _lane_layers(loaded, chosen, folder, anchor)
         project = _project(loaded, chosen, anchor, identity, layers)
         (folder / "lane.qgs").write_bytes(project)
@@ -248,18 +252,6 @@ def _pack(folder: Path, path: Path, name: str) -> None:
             bundle.writestr(entry, file.read_bytes(), zipfile.ZIP_DEFLATED)
 
 
-def _point_layer(rows: _Rows, folder: Path, time: str | None) -> qgis.MapLayer:
-    """Write a table of points as GeoPackage and return its layer."""
-    kind = rows.kind
-    style: qgis.ByKind | qgis.Graduated
-    if kind in _POINT_COLOURS:
-        style = qgis.by_kind(rows.table["kind"], _POINT_COLOURS[kind])
-    else:
-        style = qgis.graduated("confidence", rows.table["confidence"])
-    write_geopackage(rows.points(time), folder / f"{kind}.gpkg", kind)
-    return qgis.MapLayer(kind, f"{kind}.gpkg", "EPSG:4326", "Point", style)
-
-
 def _lane_layers(
     result: Result, detection: Detection, folder: Path, anchor: Anchor
 ) -> Iterator[qgis.MapLayer]:
@@ -267,7 +259,12 @@ def _lane_layers(
     write_outline(result.lane, folder / "lane.gpkg", anchor)
     yield qgis.MapLayer("lane", "lane.gpkg", "EPSG:4326", "Polygon", qgis.Outline())
     _write_view(result, detection, folder / "run-view.tif", anchor)
-    style = _shading(result, detection)
+    # The channel that raised the alarms, from the median to what one pixel in 500 exceeds.
+    band = alarm_channel(result, detection)
+    levels = channel_levels(detection, band)
+    finite = levels[np.isfinite(levels)]
+    low, high = np.quantile(finite, _SHADED_QUANTILES) if finite.size else (0.0, 1.0)
+    style = qgis.Shaded(band + 1, float(low), float(high))
     yield qgis.MapLayer("run-view", "run-view.tif", anchor.utm(), "", style)
 
 
@@ -286,18 +283,9 @@ def _project(
     )
 
 
-def _shading(result: Result, detection: Detection) -> qgis.Shaded:
-    """Return the style of a run-view: the channel that raised the alarms, in shades of grey.
-
-    They go from the median to the level that one pixel in 500 exceeds.
-    """
-    band = alarm_channel(result, detection)
-    rows, columns = detection.view.shape[2:]
-    values = detection.view.values.reshape(-1, rows, columns)[band]
-
-    finite = values[np.isfinite(values)]
-    low, high = np.quantile(finite, _SHADED_QUANTILES) if finite.size else (0.0, 1.0)
-    return qgis.Shaded(band + 1, float(low), float(high))
+def channel_levels(detection: Detection, number: int) -> AnyArray:
+    """Return the run-view (y, x) of a channel, by its number in the order of the run-view."""
+    return detection.view.values.reshape(-1, *detection.view.shape[2:])[number]
 
 
 def alarm_channel(result: Result, detection: Detection) -> int:
@@ -305,12 +293,12 @@ def alarm_channel(result: Result, detection: Detection) -> int:
 
     The first one where the result does not say.
     """
-    names = []
-    for polarization in detection.view["polarization"].values:
-        for subband in detection.view["subband"].values:
-            names.append((str(polarization), str(subband)))
-    channel = tuple(result.files().json("view/index.json")["channel"])
-    return names.index(channel) if channel in names else 0
+    channels = itertools.product(
+        detection.view["polarization"].values.astype(str),
+        detection.view["subband"].values.astype(str),
+    )
+    raised = tuple(result.files().json("view/index.json")["channel"])
+    return next((number for number, one in enumerate(channels) if one == raised), 0)
 
 
 def named_detection(result: Result, name: str) -> Detection:

@@ -10,20 +10,19 @@ from typing import Any
 import xarray as xr
 
 from flgpr import __version__
-from flgpr.commands.importing import check_parent_folder, finished_run, refuse_two_anchors
+from flgpr.commands.importing import check_parent_folder
 from flgpr.commands.positions import PathLike, read_optional_anchor, tied_run
 from flgpr.door import Folder
-from flgpr.formats.section import GprSection
 from flgpr.geo import anchor_from_fixes
-from flgpr.geo.anchor import Anchor
+from flgpr.model.faults import faults_of
 from flgpr.model.motion import judge_run
 from flgpr.progress import Track, silent
 from flgpr.store import RunWriter, save_run, write_whole
 from flgpr.store.outputs import log_finished
 from flgpr.store.run_writer import RunExistsError
-from flgpr_exchange.gpr.channels import channels_run
+from flgpr.types import Entries, Notes
 from flgpr_exchange.gpr.files import read_gpr
-from flgpr_exchange.gpr.line_run import gpr_run
+from flgpr_exchange.gpr.line_run import channels_run, gpr_run
 from flgpr_exchange.gpr.survey import LineLayout, place_by_marks, read_line_ends, survey_run
 from flgpr_exchange.gprmax.deck_results import GprmaxRun
 
@@ -42,76 +41,16 @@ class LinePositions:
     lines: PathLike | None = None  #: CSV of the ends of each line
 
 
-def import_line(
-    path: PathLike,
-    output: PathLike,
-    channel: int | None,
-    positions: LinePositions,
-    max_memory: int,
-    headers: Mapping[str, Any],
-) -> xr.Dataset:
-    """Import a channel of one line, or all of them, and store the run.
-
-    Parameters
-    ----------
-    path : path
-        The recording.
-    output : path
-        Run store to write.
-    channel : int, optional
-        The channel; by default all whose antennas the header places, else the first.
-    positions : LinePositions
-        Where the line lies.
-    max_memory : int
-        Bytes of memory to use.
-    headers : mapping
-        Options of :func:`flgpr.formats.gpr_run` in place of the file's headers.
-
-    Returns
-    -------
-    xarray.Dataset
-        The run.
-
-    Raises
-    ------
-    ValueError
-        If something is neither in the headers nor given, or does not fit.
-    """
-    target = check_parent_folder(output)
-    section = read_gpr(path, max_memory)
-    anchor_notes: list[str] = []
-    if positions.anchor_from_track:
-        refuse_two_anchors(positions.anchor)
-        anchor, anchor_notes = anchor_of_line(section)
-    else:
-        anchor = read_optional_anchor(positions.anchor)
-
-    if channel is None and section.offsets is not None:
-        run = channels_run(section, anchor=anchor, **headers)
-    else:
-        run = gpr_run(section, channel or 0, anchor=anchor, **headers)
-    run.attrs["import_notes"] = [*run.attrs["import_notes"], *anchor_notes]
-    run = finished_run(run, anchor)
-    save_run(run, target, resume=True, share_files=True)
-    return run
-
-
-def anchor_of_line(section: GprSection) -> tuple[Anchor | None, list[str]]:
-    """Return the anchor that a line's fixes make, with notes; fewer than two are a ValueError."""
-    try:
-        return anchor_from_fixes(section.fixes[:, 1:], section.fixes[:, 0])
-    except ValueError as error:
-        raise ValueError(f"{section.path}: {error}") from None
-
-
 def import_lines(
     paths: Sequence[PathLike],
     output: PathLike,
     positions: LinePositions,
     max_memory: int,
     headers: Mapping[str, Any],
+    as_survey: bool = True,
+    channel: int | None = None,
 ) -> xr.Dataset:
-    """Import lines as one run, all channels of each, and store it.
+    """Import lines as one run and store it.
 
     Parameters
     ----------
@@ -125,6 +64,10 @@ def import_lines(
         Bytes of memory to use.
     headers : mapping
         Options of :func:`flgpr.formats.survey_run` in place of the files' headers.
+    as_survey : bool
+        Whether all channels of each line are taken; else it is one line.
+    channel : int, optional
+        Of one line: the channel; by default all whose antennas the header places, else the first.
 
     Returns
     -------
@@ -137,47 +80,45 @@ def import_lines(
         If something is neither in the headers nor given, or does not fit.
     """
     target = check_parent_folder(output)
-    _check_line_positions(positions)
+    if positions.zigzag and positions.line_spacing is None:
+        raise ValueError("zigzag goes with line-spacing, got none")
+    sources = (positions.anchor, positions.line_spacing, positions.lines)
+    if sum(source is not None for source in sources) + positions.anchor_from_track > 1:
+        raise ValueError(
+            "anchor, anchor-from-track, line-spacing and lines all tell where lines lie: give one"
+        )
     if len(paths) == 1 and positions.line_spacing is not None:
         raise ValueError("line-spacing and zigzag are of several lines, got one")
 
     sections = [read_gpr(path, max_memory) for path in paths]
+    first = sections[0]
     if positions.mark_spacing is not None:
         sections = [place_by_marks(section, positions.mark_spacing) for section in sections]
-
     anchor = read_optional_anchor(positions.anchor)
-    anchor_notes: list[str] = []
+    anchor_notes: Notes = []
     if positions.anchor_from_track:
-        fixes = sections[0].fixes
-        anchor, anchor_notes = anchor_from_fixes(fixes[:, 1:], fixes[:, 0])
-    ends = None
-    if positions.lines is not None:
-        ends = read_line_ends(positions.lines, [section.path.name for section in sections])
+        with faults_of(first.path):
+            anchor, anchor_notes = anchor_from_fixes(first.fixes[:, 1:], first.fixes[:, 0])
 
-    layout = LineLayout(positions.line_spacing, positions.zigzag, ends)
-    run = tied_run(survey_run(sections, layout, anchor, **headers), anchor)
-
+    if as_survey:
+        ends = None
+        if positions.lines is not None:
+            ends = read_line_ends(positions.lines, [section.path.name for section in sections])
+        layout = LineLayout(positions.line_spacing, positions.zigzag, ends)
+        run = survey_run(sections, layout, anchor, **headers)
+        notes = [*anchor_notes, *run.attrs["import_notes"]]
+    else:
+        if channel is None and first.offsets is not None:
+            run = channels_run(first, anchor=anchor, **headers)
+        else:
+            run = gpr_run(first, channel or 0, anchor=anchor, **headers)
+        notes = [*run.attrs["import_notes"], *anchor_notes]
     # Nothing is measured from the end of a line to the beginning of the next: a jump is expected.
     doubts = judge_run(run).notes() if len(sections) == 1 else []
-    run.attrs["import_notes"] = [*anchor_notes, *run.attrs["import_notes"], *doubts]
+    run.attrs["import_notes"] = notes + doubts
+    run = tied_run(run, anchor)
     save_run(run, target, resume=True, share_files=True)
     return run
-
-
-def _check_line_positions(positions: LinePositions) -> None:
-    """Refuse options that contradict one another."""
-    if positions.zigzag and positions.line_spacing is None:
-        raise ValueError("zigzag goes with line-spacing, got none")
-    sources = [
-        positions.anchor is not None,
-        positions.anchor_from_track,
-        positions.line_spacing is not None,
-        positions.lines is not None,
-    ]
-    if sum(sources) > 1:
-        raise ValueError(
-            "anchor, anchor-from-track, line-spacing and lines all tell where lines lie: give one"
-        )
 
 
 def import_gprmax_decks(
@@ -231,6 +172,7 @@ def import_gprmax_decks(
         log_finished(store)
         return [store]
 
+    written = [store]
     with begun as writer:
         done = len(writer)
         total = len(results)
@@ -238,11 +180,16 @@ def import_gprmax_decks(
         for scan in track(range(done, total), label, total - done):
             writer.append(results.scan(scan), manifest["pose"][scan], manifest["time"][scan])
         # The tables are written before the run, which marks a complete import.
-        tables = _copy_tables_of_decks(Path(folder), store)
-    return [store, *tables]
+        for name in _TABLES_OF_DECKS:
+            data = Folder(folder).read_if_listed(name)
+            if data is not None:
+                target = store.with_name(f"{store.stem}-{name}")
+                write_whole(target, data)
+                written.append(target)
+    return written
 
 
-def attributes_of_decks(manifest: Mapping[str, Any], keep_direct: bool) -> dict[str, Any]:
+def attributes_of_decks(manifest: Mapping[str, Any], keep_direct: bool) -> Entries:
     """Return the attributes of a run that is made of decks."""
     described = ("seed", "sensor", "grid", "soil", "surface", "omissions")
     return {
@@ -251,15 +198,3 @@ def attributes_of_decks(manifest: Mapping[str, Any], keep_direct: bool) -> dict[
         "direct_wave": "kept" if keep_direct else "taken off",
         "fullwave": {name: manifest.get(name) for name in described},
     }
-
-
-def _copy_tables_of_decks(folder: Path, store: Path) -> list[Path]:
-    """Copy truth, objects and lane of decks to files beside a store; return their paths."""
-    written = []
-    for name in _TABLES_OF_DECKS:
-        data = Folder(folder).read_if_listed(name)
-        if data is not None:
-            target = store.with_name(f"{store.stem}-{name}")
-            write_whole(target, data)
-            written.append(target)
-    return written

@@ -241,38 +241,32 @@ def import_gpr(
     FileExistsError
         If another run is at the output.
     """
-    from flgpr_exchange.commands.importing import LinePositions, import_line, import_lines
+    from flgpr_exchange.commands.importing import LinePositions, import_lines
 
     files = one_or_more(file)
     headers: dict[str, Any] = {
         "step": step,
         "band": band,
         "separation": separation,
-        "time_zero": _seconds(time_zero),
-        "window": _seconds(window),
+        "time_zero": None if time_zero is None else time_zero * 1e-9,
+        "window": None if window is None else window * 1e-9,
         "across": across,
         "height": height,
         "polarization": polarization,
         "topography": topography,
     }
-    memory = size_in_bytes(max_memory)
     positions = LinePositions(anchor, anchor_from_track, mark_spacing, line_spacing, zigzag, lines)
     is_survey = len(files) > 1 or all_channels or mark_spacing is not None
-    if not is_survey:
-        if line_spacing is not None or zigzag or lines is not None or channel_x:
-            raise ValueError(
-                "line_spacing, zigzag and lines are of several lines, channel_x of all_channels"
-            )
-        return import_line(files[0], output, channel, positions, memory, headers)
-    if channel is not None:
-        raise ValueError("channel is of a single line; a survey takes all channels")
-    headers["channel_x"] = channel_x or None
-    return import_lines(files, output, positions, memory, headers)
-
-
-def _seconds(nanoseconds: float | None) -> float | None:
-    """Return a time in seconds, where it was given."""
-    return None if nanoseconds is None else nanoseconds * 1e-9
+    if is_survey:
+        if channel is not None:
+            raise ValueError("channel is of a single line; a survey takes all channels")
+        headers["channel_x"] = channel_x or None
+    elif line_spacing is not None or zigzag or lines is not None or channel_x:
+        raise ValueError(
+            "line_spacing, zigzag and lines are of several lines, channel_x of all_channels"
+        )
+    memory = size_in_bytes(max_memory)
+    return import_lines(files, output, positions, memory, headers, is_survey, channel)
 
 
 OFFER = Offer(

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.commands.exports import Wish
-from flgpr.commands.importing import check_parent_folder
 from flgpr.door import Folder
 from flgpr.geo import own_anchor, read_anchor
 from flgpr.geo.points import STATEMENT
@@ -24,16 +23,19 @@ from flgpr.json_text import parse_json
 from flgpr.live.events import EVENT_FILE, add_places_on_earth
 from flgpr.method.detection import Detection
 from flgpr.method.look_samples import decibels
+from flgpr.model import POSE_COMPONENTS
 from flgpr.results.result import Result, read_result
 from flgpr.store.notes import log_note
 from flgpr.store.outputs import atomic_output
+from flgpr.types import Entries
 from flgpr_exchange.bags import foxglove
 from flgpr_exchange.bags.writer import McapWriter, mcap_file
 from flgpr_exchange.commands.exporting import (
     alarm_channel,
+    channel_levels,
     moment_of,
     named_detection,
-    refuse_options,
+    output_of,
 )
 
 PathLike = str | Path
@@ -75,21 +77,15 @@ _UNTIMED_SPACING = _SECOND  # from scan to scan of a result, which has no times
 
 def export_recording(wish: Wish) -> Path:
     """Write a recording in MCAP of a live run or of a result; a live run has its own times."""
-    refuse_options(wish)
+    target = output_of(wish)
     is_live = wish.replace or (Path(wish.source) / EVENT_FILE).is_file()
     if not is_live:
-        return _record_result(wish)
+        return _record_result(wish, target)
     if wish.anchor is not None or wish.time is not None or wish.detection != "main":
         raise ValueError(
             "anchor, time and detection go with a result; "
             f"{wish.source} is a live run, whose events have times and places"
         )
-    return _record_live_run(wish)
-
-
-def _record_live_run(wish: Wish) -> Path:
-    """Write the events of a live run as a recording in MCAP."""
-    target = check_parent_folder(wish.output)
     with (
         Folder(wish.source).open(EVENT_FILE, _MOST_EVENTS) as events,
         atomic_output(target, replace=wish.replace) as partial,
@@ -127,8 +123,8 @@ class LiveRecorder:
         self._grid: dict[str, float] = {}
         self._rows: dict[int, NDArray[np.float16]] = {}  # of the run-view, by number
         self._median_db = 0.0
-        self._on_earth: dict[str, dict[str, Any]] = {}  # alarms with a place there, by name
-        self._scan_alarms: list[dict[str, Any]] = []  # events of alarms since the last scan
+        self._on_earth: dict[str, Entries] = {}  # alarms with a place there, by name
+        self._scan_alarms: list[Entries] = []  # events of alarms since the last scan
         self._kinds: dict[str, Callable[[Mapping[str, Any]], None]] = {
             "start": self._start,
             "scan": self._scan,
@@ -160,7 +156,7 @@ class LiveRecorder:
         """Take the lattice of the run-view; a new one begins where positions have moved to."""
         grid = event["grid"]
         values = {name: float(grid[name]) for name in ("x", "y", "dx", "dy")}
-        if not all(math.isfinite(value) for value in values.values()):
+        if not all(map(math.isfinite, values.values())):
             raise ValueError("grid must have finite numbers")
         columns = int(grid["nx"])
         if not 0 < columns <= _WIDEST:
@@ -176,11 +172,9 @@ class LiveRecorder:
             raise ValueError(f"arrived must be a time since 1970, got {arrived}")
         self._write_alarms()
         # Files may arrive in another order than their times; a recording is played in one order.
-        self._now = max(self._now, round(arrived * 1000) * (_SECOND // 1000))
+        self._now = max(self._now, _nanoseconds(arrived))
         pose = [float(value) for value in event["pose"]]
-        if len(pose) != len(("x", "y", "z", "heading", "pitch", "roll")):
-            return
-        if all(math.isfinite(value) for value in pose):
+        if len(pose) == len(POSE_COMPONENTS) and all(map(math.isfinite, pose)):
             for topic, message in _pose_messages(self._now, pose):
                 self._add(topic, message)
 
@@ -188,34 +182,30 @@ class LiveRecorder:
         """Write the rows of the run-view that a scan changed, and keep them."""
         first = int(event["row"])
         count = int(event["rows"])
-        columns = int(self._grid["nx"])
         if not 0 <= first < _FARTHEST_ROW:
             raise ValueError(f"row must be 0 to {_FARTHEST_ROW}, got {first}")
         data = base64.b64decode(event["halves"], validate=True)
-        rows = np.frombuffer(data, "<f2").reshape(count, columns)
+        rows = np.frombuffer(data, "<f2").reshape(count, int(self._grid["nx"]))
         self._median_db = float(event["median_db"])
         if not math.isfinite(self._median_db):
             raise ValueError("median_db must be finite")
-        if not count:
-            return
-        self._write_grid("/flgpr/run_view", first, rows)
-        for offset, row in enumerate(rows):
-            self._rows[first + offset] = row
+        if count:
+            self._write_grid("/flgpr/run_view", first, rows)
+            self._rows |= dict(enumerate(rows, start=first))
 
     def _alarm(self, event: Mapping[str, Any]) -> None:
         """Keep an alarm that changed until all of its scan have come."""
         alarm = {name: event[name] for name in _ALARM_MEMBERS if name in event}
-        alarm_id = alarm["alarm_id"]
-        state = alarm["state"]
-        if not isinstance(alarm_id, str) or not isinstance(state, str):
+        if not isinstance(alarm["alarm_id"], str) or not isinstance(alarm["state"], str):
             raise TypeError("alarm_id and state must be texts")
-        for name in ("x", "y", "confidence"):
-            alarm[name] = float(alarm[name])
+        alarm |= {name: float(alarm[name]) for name in ("x", "y", "confidence")}
         foxglove.compact_json(alarm)  # refuses numbers that are not finite
         self._scan_alarms.append(alarm)
 
     def _write_alarms(self) -> None:
         """Write the alarms that the last scan changed."""
+        if not self._scan_alarms:
+            return
         changed = []
         withdrawn = []
         for alarm in self._scan_alarms:
@@ -227,15 +217,13 @@ class LiveRecorder:
             changed.append(alarm)
             if "latitude" in alarm and "longitude" in alarm:
                 self._on_earth[alarm_id] = alarm
-        if not self._scan_alarms:
-            return
         self._scan_alarms = []
         self._add("/flgpr/alarms", foxglove.alarms_message(self._now, changed, withdrawn))
         if self._on_earth:
             ahead = [alarm for alarm in self._on_earth.values() if alarm["state"] != "final"]
             self._write_map(ahead)
 
-    def _write_map(self, alarms: list[dict[str, Any]]) -> None:
+    def _write_map(self, alarms: list[Entries]) -> None:
         """Write alarms as points of a map, in place of those before."""
         self._add("/flgpr/map", foxglove.geojson_message(alarms, STATEMENT))
 
@@ -271,14 +259,20 @@ class LiveRecorder:
         self._writer.add(topic, self._now, message)
 
 
-def _record_result(wish: Wish) -> Path:
+def _record_result(wish: Wish, target: Path) -> Path:
     """Write a result as a recording in MCAP: run-view, alarms, map, and the poses of the scans.
 
     A result has no times of its scans: they are put one second apart, the first at the time of the
     data, or in 1970. Without an anchor, its own or another, there is no map.
     """
-    target = check_parent_folder(wish.output)
-    begin = 0 if wish.time is None else _nanoseconds(wish.time)
+    begin = 0
+    if wish.time is not None:
+        seconds = moment_of(wish.time, _FROM_1970).timestamp()
+        if seconds < 0:
+            raise ValueError(
+                f"time must be ISO 8601 with a time zone{_FROM_1970}, got {wish.time!r}"
+            )
+        begin = _nanoseconds(seconds)
     loaded = read_result(wish.source)
     chosen = named_detection(loaded, wish.detection)
     alarms = _alarms_of(loaded, chosen, wish.anchor)
@@ -299,24 +293,17 @@ def _pose_messages(moment: int, pose: Sequence[float]) -> Iterator[tuple[str, fo
     yield "/flgpr/transform", foxglove.transform_message(moment, pose)
 
 
-def _nanoseconds(time: str) -> int:
-    """Return a time of ISO 8601 with a time zone in ns since 1970."""
-    seconds = moment_of(time, _FROM_1970).timestamp()
-    if seconds < 0:
-        raise ValueError(f"time must be ISO 8601 with a time zone{_FROM_1970}, got {time!r}")
+def _nanoseconds(seconds: float) -> int:
+    """Return a time in s as ns, of whole ms."""
     return round(seconds * 1000) * (_SECOND // 1000)
 
 
-def _alarms_of(
-    result: Result, detection: Detection, anchor: PathLike | None
-) -> list[dict[str, Any]]:
+def _alarms_of(result: Result, detection: Detection, anchor: PathLike | None) -> list[Entries]:
     """Return the alarms of a detection, with places on the Earth where it is known."""
     alarms = []
     for row in detection.alarms.to_dict("records"):
-        alarm: dict[str, Any] = {"alarm_id": str(row["alarm_id"])}
-        for name in ("x", "y", "confidence"):
-            alarm[name] = float(row[name])
-        alarms.append(alarm)
+        places = {name: float(row[name]) for name in ("x", "y", "confidence")}
+        alarms.append({"alarm_id": str(row["alarm_id"]), **places})
     reference = result.manifest["run"].get("georeference")
     if anchor is not None:
         add_places_on_earth(alarms, read_anchor(anchor))
@@ -326,20 +313,14 @@ def _alarms_of(
 
 
 def _result_messages(
-    result: Result, detection: Detection, alarms: list[dict[str, Any]], begin: int
+    result: Result, detection: Detection, alarms: list[Entries], begin: int
 ) -> Iterator[tuple[str, foxglove.Message]]:
     """Yield the messages that stand from the beginning: run-view, alarms and map."""
-    view = detection.view
-    rows, columns = view.shape[2:]
-    channels = view.values.reshape(-1, rows, columns)
-    levels = decibels(channels[alarm_channel(result, detection)])
+    levels = decibels(channel_levels(detection, alarm_channel(result, detection)))
     # The colours of players are relative to the median of the ground that was seen.
     measured = levels[np.isfinite(levels)]
-    median_db = 0.0
-    if measured.size:
-        median_db = float(np.median(measured.astype(np.float32)))
-    x = view["x"].values
-    y = view["y"].values
+    median_db = float(np.median(measured.astype(np.float32))) if measured.size else 0.0
+    x, y = (detection.view[axis].values for axis in "xy")
     spacing = (float(x[1] - x[0]), float(y[1] - y[0]))
     first = (float(x[0]), float(y[0]))
     grid = foxglove.grid_message(begin, levels, first, spacing, median_db)

@@ -18,12 +18,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from flgpr.formats.array_file import faults_of_parser
 from flgpr.formats.reader import Explanation, Reader
 from flgpr.geo.anchor import Anchor
 from flgpr.json_text import parse_json
 from flgpr.model import SPEED_OF_LIGHT, Grid, check_run, make_run, vehicle_to_lane
+from flgpr.model.frames import rigid_array
 from flgpr.model.phase import lengthen
-from flgpr.store.extras import MissingExtraError, optional
+from flgpr.store.extras import optional
 from flgpr.store.files import existing
 from flgpr.store.outputs import atomic_output
 from flgpr.types import AnyArray, ComplexArray, FloatArray, floats
@@ -42,7 +44,7 @@ class _Channel(NamedTuple):
     """A channel as it was read."""
 
     signal: AnyArray  # (scan, frequency)
-    vectors: AnyArray  # (scan,) record of the vectors' parameters
+    vectors: Vectors
 
 
 def write_cphd(
@@ -79,12 +81,33 @@ def write_cphd(
     check_run(run)
     path = Path(path)
     sarkit = optional("sarkit.cphd", "cphd")
-    _check_even_tones(run["frequency"].values)
+    frequency = run["frequency"].values
+    if frequency.size < 2:
+        raise ValueError(f"CPHD needs at least two tones, got {frequency.size}")
+    even, step = np.linspace(frequency[0], frequency[-1], frequency.size, retstep=True)
+    off = np.abs(frequency - even).max()
+    if off > _UNEVEN * step:
+        raise ValueError(
+            f"CPHD needs evenly spaced tones, these are up to {off:g} Hz off: "
+            "select an even sub-band"
+        )
     run = run.compute()  # channels cut across the store's chunks
 
-    scene = scene or _scene_ahead(run)
+    if scene is None:
+        x, y, z, heading = run["pose"].values[:, :4].mean(axis=0)
+        ahead = _AHEAD + abs(z)
+        center_x = x + ahead * math.sin(heading)
+        center_y = y + ahead * math.cos(heading)
+        scene = Grid.spanning(
+            (center_x - _SCENE_HALF, center_x + _SCENE_HALF),
+            (center_y - _SCENE_HALF, center_y + _SCENE_HALF),
+            0.1,
+        )
     center = np.array([scene.x.mean(), scene.y.mean(), 0.0])
-    time = _times(run)
+    time = floats(run["time"].values)
+    time = time - time[0]
+    if not (np.isfinite(time).all() and (np.diff(time) > 0).all()):
+        time = np.arange(time.size, dtype=np.float64)
     signals = {}
     vectors = {}
     for number, label in enumerate(run["polarization"].values):
@@ -97,7 +120,10 @@ def write_cphd(
         tree = metadata_tree(run, names, vectors, anchor, scene, time)
         root = sarkit.ElementWrapper(tree.getroot())
     dtype = sarkit.get_pvp_dtype(tree)
-    records = {name: _vector_records(vectors[name], dtype, len(time)) for name in names}
+    records = {name: np.zeros(len(time), dtype) for name in names}
+    for name, record in records.items():
+        for parameter, values in vectors[name].items():
+            record[parameter] = values
     # A vehicle that stands has no direction.
     with np.errstate(invalid="ignore", divide="ignore"), _without_sarkits_warnings():
         root["ReferenceGeometry"] = sarkit.compute_reference_geometry(tree, records[names[0]])
@@ -112,14 +138,6 @@ def write_cphd(
             writer.write_signal(name, signals[name])
             writer.write_pvp(name, records[name])
     return path
-
-
-def _vector_records(vectors: Vectors, dtype: np.dtype[Any], scans: int) -> AnyArray:
-    """Return the records (scan,) of a channel's vectors; parameters that it lacks are 0."""
-    records = np.zeros(scans, dtype)
-    for parameter, values in vectors.items():
-        records[parameter] = values
-    return records
 
 
 def read_cphd(path: str | Path, anchor: Anchor | None = None) -> xr.Dataset:
@@ -152,29 +170,53 @@ def read_cphd(path: str | Path, anchor: Anchor | None = None) -> xr.Dataset:
     """
     path = existing(path)
     sarkit = optional("sarkit.cphd", "cphd")
-    with _faults_of_cphd(path):
+    with faults_of_parser(path, "CPHD", (FileNotFoundError,)):
         with path.open("rb") as file, sarkit.Reader(file) as reader:
-            tree = reader.metadata.xmltree
-            added = _added_parameters(tree)
-            elements = tree.findall("{*}Data/{*}Channel")
-            _check_declared(tree, elements, path)
+            head = _head_of(reader)
+            _check_declared(head, path)
             channels = {}
-            for element in elements:
-                name = element.findtext("{*}Identifier")
-                channels[name] = _native(*reader.read_channel(name))
-        return _assembled(tree, channels, added, anchor)
+            for name in head.channels:
+                samples, vectors = reader.read_channel(name)
+                if samples.dtype.names:
+                    real, imaginary = (samples[part].astype("f4") for part in ("real", "imag"))
+                    signal = real + 1j * imaginary
+                else:
+                    signal = samples.astype(samples.dtype.newbyteorder("="))
+                native = vectors.astype(vectors.dtype.newbyteorder("="))
+                names = native.dtype.names or ()
+                channels[name] = _Channel(signal, {name: native[name] for name in names})
+        return _assembled(head, channels, anchor)
 
 
-@contextmanager
-def _faults_of_cphd(path: Path) -> Iterator[None]:
-    """Turn whatever sarkit raises on a damaged file into one ValueError that names the file."""
-    try:
-        yield
-    except (MissingExtraError, FileNotFoundError):
-        raise
-    except Exception as error:
-        message = " ".join(str(error).split())[:200] or type(error).__name__
-        raise ValueError(f"{path}: cannot be read as CPHD: {message}") from None
+class _Head(NamedTuple):
+    """What the XML of a file states."""
+
+    tree: Any
+    channels: dict[str, tuple[int, int]]  # vectors and samples of each, in the order of the file
+    labels: dict[str, str]  # polarization of each channel
+    added: dict[str, str]  # texts that flgpr added, by name
+
+    def text(self, *path: str) -> Any:
+        """Return the text of an element; None if there is none."""
+        return self.tree.findtext("/".join(f"{{*}}{name}" for name in path))
+
+
+def _head_of(reader: Any) -> _Head:
+    """Return what the XML of an opened file states."""
+    tree = reader.metadata.xmltree
+    channels = {}
+    for channel in tree.findall("{*}Data/{*}Channel"):
+        sizes = [int(channel.findtext(f"{{*}}{name}")) for name in ("NumVectors", "NumSamples")]
+        channels[channel.findtext("{*}Identifier")] = (sizes[0], sizes[1])
+    labels = {}
+    for parameters in tree.findall("{*}Channel/{*}Parameters"):
+        ends = (parameters.findtext(f"{{*}}Polarization/{{*}}{end}Pol") for end in ("Tx", "Rcv"))
+        labels[parameters.findtext("{*}Identifier")] = "".join(map(str, ends))
+    added = {}
+    for parameter in tree.findall("{*}Channel/{*}AddedParameters/{*}Parameter"):
+        if str(parameter.get("name")).startswith("flgpr_"):
+            added[parameter.get("name")] = parameter.text or ""
+    return _Head(tree, channels, labels, added)
 
 
 @contextmanager
@@ -185,42 +227,6 @@ def _without_sarkits_warnings() -> Iterator[None]:
             "ignore", message=r"(read|open)_\w+ is deprecated", category=DeprecationWarning
         )
         yield
-
-
-def _check_even_tones(frequency: FloatArray) -> None:
-    """Refuse tones (frequency,), Hz, that CPHD cannot hold."""
-    if frequency.size < 2:
-        raise ValueError(f"CPHD needs at least two tones, got {frequency.size}")
-    step = (frequency[-1] - frequency[0]) / (frequency.size - 1)
-    even = frequency[0] + step * np.arange(frequency.size)
-    off = np.abs(frequency - even).max()
-    if off > _UNEVEN * step:
-        raise ValueError(
-            f"CPHD needs evenly spaced tones, these are up to {off:g} Hz off: "
-            "select an even sub-band"
-        )
-
-
-def _scene_ahead(run: xr.Dataset) -> Grid:
-    """Return the ground ahead of the mean of the poses."""
-    pose = run["pose"].values
-    x, y, z, heading = pose[:, :4].mean(axis=0)
-    ahead = _AHEAD + abs(z)
-    center_x = x + ahead * math.sin(heading)
-    center_y = y + ahead * math.cos(heading)
-    return Grid.spanning(
-        (center_x - _SCENE_HALF, center_x + _SCENE_HALF),
-        (center_y - _SCENE_HALF, center_y + _SCENE_HALF),
-        0.1,
-    )
-
-
-def _times(run: xr.Dataset) -> FloatArray:
-    """Return the time (scan,) since the first scan, s; scan numbers where it does not increase."""
-    time = floats(run["time"].values)
-    if np.isfinite(time).all() and (np.diff(time) > 0).all():
-        return time - time[0]
-    return np.arange(time.size, dtype=np.float64)
 
 
 def _channel(
@@ -237,134 +243,109 @@ def _channel(
     """
     frequency = run["frequency"].values
     pose = run["pose"].values
-    tx = vehicle_to_lane(run["tx_position"].values[pair, None], pose)[:, 0]
-    rx = vehicle_to_lane(run["rx_position"].values[pair, None], pose)[:, 0]
-    range_tx = np.linalg.norm(tx - center, axis=1)
-    range_rx = np.linalg.norm(rx - center, axis=1)
-    path = range_tx + range_rx
-
+    scans = len(pose)
     valid = run["valid"].values[:, polarization, pair]
+    path = np.zeros(scans)
+    closing = np.zeros(scans)
+    sides: dict[str, tuple[FloatArray, FloatArray]] = {}
+    for side in ("tx", "rx"):
+        place = vehicle_to_lane(run[f"{side}_position"].values[pair, None], pose)[:, 0]
+        velocity = np.gradient(place, time, axis=0) if scans > 1 else np.zeros_like(place)
+        offset = place - center
+        distance = np.linalg.norm(offset, axis=1)
+        path += distance
+        # The rate of the mean of both ranges, from which CPHD has aFDOP.
+        unit = offset / np.maximum(distance, 1e-12)[:, None]
+        closing += (velocity * unit).sum(axis=1)
+        sides[side] = (anchor.to_geocentric(place), anchor.turn(velocity))
+    closing *= 0.5
+
     signal = run["signal"].values[:, polarization, pair]
     compensated = lengthen(signal, frequency, -path)
     signal = np.where(valid[:, None], compensated, 0).astype(np.complex64)
 
     step = float((frequency[-1] - frequency[0]) / (frequency.size - 1))
-    scans = len(pose)
-    velocity_tx = _velocity(tx, time)
-    velocity_rx = _velocity(rx, time)
-    # The rate of the mean of both ranges, from which CPHD has aFDOP.
-    closing = np.zeros(scans)
-    closing += _along(velocity_tx, tx - center, range_tx)
-    closing += _along(velocity_rx, rx - center, range_rx)
-    closing *= 0.5
-
+    constants = {
+        "aFRR1": 0.0,
+        "aFRR2": 0.0,
+        "FX1": frequency[0],
+        "FX2": frequency[-1],
+        "TOA1": -_SWATH / step,
+        "TOA2": _SWATH / step,
+        "TDTropoSRP": 0.0,
+        "SC0": frequency[0],
+        "SCSS": step,
+    }
     vectors: Vectors = {
         "TxTime": time,
-        "TxPos": anchor.to_geocentric(tx),
-        "TxVel": anchor.turn(velocity_tx),
+        "TxPos": sides["tx"][0],
+        "TxVel": sides["tx"][1],
         "RcvTime": time + path / SPEED_OF_LIGHT,
-        "RcvPos": anchor.to_geocentric(rx),
-        "RcvVel": anchor.turn(velocity_rx),
+        "RcvPos": sides["rx"][0],
+        "RcvVel": sides["rx"][1],
         "SRPPos": np.broadcast_to(anchor.to_geocentric(center), (scans, 3)),
         "aFDOP": -2 * closing / SPEED_OF_LIGHT,
-        "aFRR1": np.zeros(scans),
-        "aFRR2": np.zeros(scans),
-        "FX1": np.full(scans, frequency[0]),
-        "FX2": np.full(scans, frequency[-1]),
-        "TOA1": np.full(scans, -_SWATH / step),
-        "TOA2": np.full(scans, _SWATH / step),
-        "TDTropoSRP": np.zeros(scans),
-        "SC0": np.full(scans, frequency[0]),
-        "SCSS": np.full(scans, step),
+        **{name: np.full(scans, value) for name, value in constants.items()},
         "SIGNAL": valid.astype(np.int64),
+        **dict(zip(ADDED, pose.T, strict=True)),
     }
-    for column, name in enumerate(ADDED):
-        vectors[name] = pose[:, column]
     return signal, vectors
 
 
-def _velocity(position: FloatArray, time: FloatArray) -> FloatArray:
-    """Return the velocity (scan, 3) of positions (scan, 3), m/s; zero of a single one."""
-    if len(position) < 2:
-        return np.zeros_like(position)
-    return np.gradient(position, time, axis=0)
-
-
-def _along(velocity: FloatArray, offset: FloatArray, distance: FloatArray) -> FloatArray:
-    """Return the component (scan,) of a velocity along the offset from the reference point."""
-    unit = offset / np.maximum(distance, 1e-12)[:, None]
-    return np.asarray((velocity * unit).sum(axis=1))
-
-
-def _added_parameters(tree: Any) -> dict[str, str]:
-    """Return the texts that flgpr added, by name."""
-    texts = {}
-    for parameter in tree.findall("{*}Channel/{*}AddedParameters/{*}Parameter"):
-        name = parameter.get("name")
-        if str(name).startswith("flgpr_"):
-            texts[name] = parameter.text or ""
-    return texts
-
-
-def _check_declared(tree: Any, channels: list[Any], path: Path) -> None:
+def _check_declared(head: _Head, path: Path) -> None:
     """Refuse what cannot become a run before anything large is read."""
-    domain = tree.findtext("{*}Global/{*}DomainType")
+    domain = head.text("Global", "DomainType")
     if domain != "FX":
         raise ValueError(f"the domain must be FX, got {domain}")
-    if not channels:
+    if not head.channels:
         raise ValueError("there is no channel")
-    if any(channel.find("{*}CompressedSignalSize") is not None for channel in channels):
+    if head.text("Data", "Channel", "CompressedSignalSize") is not None:
         raise ValueError("compressed signals cannot be read")
-    sizes = set()
-    for channel in channels:
-        vectors = int(channel.findtext("{*}NumVectors"))
-        samples = int(channel.findtext("{*}NumSamples"))
-        sizes.add((vectors, samples))
+    sizes = set(head.channels.values())
     if len(sizes) > 1:
         raise ValueError(
             f"all channels must have the same vectors and samples, got {sorted(sizes)}"
         )
     # The narrowest format of samples has two bytes.
     scans, tones = sizes.pop()
-    if scans * tones * len(channels) * 2 > path.stat().st_size:
+    if scans * tones * len(head.channels) * 2 > path.stat().st_size:
         raise ValueError(
-            f"it tells of {len(channels)} channels of {scans} x {tones} samples and holds less: "
-            "truncated"
+            f"it tells of {len(head.channels)} channels of {scans} x {tones} samples and holds "
+            "less: truncated"
         )
 
 
-def _assembled(
-    tree: Any,
-    channels: dict[str, _Channel],
-    added: dict[str, str],
-    anchor: Anchor | None,
-) -> xr.Dataset:
+def _assembled(head: _Head, channels: dict[str, _Channel], anchor: Anchor | None) -> xr.Dataset:
     """Return the run of the channels of a file."""
-    pairs, labels, position_of = _channel_order(tree, list(channels))
+    added = head.added
+    # Polarizations and pairs, in the order of the file.
+    names_of: dict[str, list[str]] = {}
+    for name in channels:
+        names_of.setdefault(head.labels[name], []).append(name)
+    counts = {label: len(names) for label, names in names_of.items()}
+    if len(set(counts.values())) > 1:
+        raise ValueError(f"every polarization must have the same number of channels, got {counts}")
+    labels = list(names_of)
     first = next(iter(channels.values())).vectors
-    parameters = first.dtype.names or ()
     frequency = _frequency(channels, added)
-    shape = (len(first), len(labels), pairs, frequency.size)
+    shape = (len(first["TxTime"]), len(labels), counts[labels[0]], frequency.size)
     signal = np.full(shape, np.nan, np.complex64)
 
-    sign = int(tree.findtext("{*}Global/{*}SGN"))
-    for name, (samples, vectors) in channels.items():
-        polarization, pair = position_of[name]
-        path = _leg(vectors, "TxPos") + _leg(vectors, "RcvPos")
-        known = vectors.dtype.names or ()
-        if "AmpSF" in known:
-            samples = samples * vectors["AmpSF"][:, None]
-        # SGN is the sign of the phase of a delay: a run has -1.
-        if sign > 0:
-            samples = samples.conj()
-        values = lengthen(samples, frequency, path)
-        usable = np.ones(len(first), bool)
-        if "SIGNAL" in known:
-            usable = vectors["SIGNAL"] == 1
-        signal[usable, polarization, pair] = values[usable]
+    sign = int(head.text("Global", "SGN"))
+    for polarization, names in enumerate(names_of.values()):
+        for pair, name in enumerate(names):
+            samples, vectors = channels[name]
+            path = _leg(vectors, "TxPos") + _leg(vectors, "RcvPos")
+            if "AmpSF" in vectors:
+                samples = samples * vectors["AmpSF"][:, None]
+            # SGN is the sign of the phase of a delay: a run has -1.
+            if sign > 0:
+                samples = samples.conj()
+            values = lengthen(samples, frequency, path)
+            usable = vectors["SIGNAL"] == 1 if "SIGNAL" in vectors else np.ones(len(path), bool)
+            signal[usable, polarization, pair] = values[usable]
 
-    is_of_flgpr = "flgpr_tx_position" in added and set(ADDED) <= set(parameters)
-    if is_of_flgpr:
+    if "flgpr_tx_position" in added and set(ADDED) <= set(first):
         pose = np.stack([first[name] for name in ADDED], axis=1)
         tx = np.array(parse_json(added["flgpr_tx_position"]))
         rx = np.array(parse_json(added["flgpr_rx_position"]))
@@ -373,14 +354,13 @@ def _assembled(
         attrs = parse_json(added["flgpr_attrs"])
         return make_run(signal, frequency, labels, tx, rx, pose, time, attrs)
 
-    vectors_of_pair = {}
+    pairs = [first] * shape[2]  # of polarizations that share a pair the last one of the file
     for name, channel in channels.items():
-        _, pair = position_of[name]
-        vectors_of_pair[pair] = channel.vectors
-    tx, rx, pose = _geometry(vectors_of_pair, anchor)
+        pairs[names_of[head.labels[name]].index(name)] = channel.vectors
+    tx, rx, pose = _geometry(pairs, anchor)
     attrs = {
-        "title": tree.findtext("{*}CollectionID/{*}CoreName") or "CPHD",
-        "source": f"CPHD by {tree.findtext('{*}CollectionID/{*}CollectorName')}",
+        "title": head.text("CollectionID", "CoreName") or "CPHD",
+        "source": f"CPHD by {head.text('CollectionID', 'CollectorName')}",
         "import_notes": _notes(channels, sign),
     }
     return make_run(signal, frequency, labels, tx, rx, pose, first["TxTime"], attrs)
@@ -391,19 +371,14 @@ def _notes(channels: dict[str, _Channel], sign: int) -> list[str]:
     notes = ["the file states no heading, pitch and roll: 0 is taken, as the array lies"]
     if sign > 0:
         notes.append("the phases are conjugated: the file has the sign +1")
-    total = sum(len(channel.vectors) for channel in channels.values())
-    without_signal = 0
-    scaled = 0
-    delayed = 0
+    total = sum(len(channel.vectors["TxTime"]) for channel in channels.values())
+    without_signal = scaled = delayed = np.intp(0)
     for channel in channels.values():
-        names = channel.vectors.dtype.names or ()
-        if "SIGNAL" in names:
-            without_signal += int(np.count_nonzero(channel.vectors["SIGNAL"] != 1))
-        if "AmpSF" in names:
-            scaled += int(np.count_nonzero(channel.vectors["AmpSF"] != 1))
-        delays = [channel.vectors[name] for name in _ATMOSPHERE if name in names]
-        if delays:
-            delayed += int(np.count_nonzero(np.any(delays, axis=0)))
+        vectors = channel.vectors
+        without_signal += np.count_nonzero(vectors.get("SIGNAL", 1) != 1)
+        scaled += np.count_nonzero(vectors.get("AmpSF", 1) != 1)
+        delays = [vectors[name] for name in _ATMOSPHERE if name in vectors]
+        delayed += np.count_nonzero(np.any(delays, axis=0))
     if without_signal:
         notes.append(f"{without_signal} of {total} vectors hold no signal (SIGNAL)")
     if scaled:
@@ -417,59 +392,18 @@ def _notes(channels: dict[str, _Channel], sign: int) -> list[str]:
     return notes
 
 
-def _native(samples: AnyArray, vectors: AnyArray) -> _Channel:
-    """Return a channel in the machine's byte order, its samples as complex numbers."""
-    if samples.dtype.names:
-        signal = samples["real"].astype(np.float32) + 1j * samples["imag"].astype(np.float32)
-    else:
-        signal = samples.astype(samples.dtype.newbyteorder("="))
-    return _Channel(signal, vectors.astype(vectors.dtype.newbyteorder("=")))
-
-
-def _leg(vectors: AnyArray, name: str) -> FloatArray:
+def _leg(vectors: Vectors, name: str) -> FloatArray:
     """Return the distance (scan,) of an antenna from the reference point, m."""
-    offset = vectors[name] - vectors["SRPPos"]
-    return floats(np.linalg.norm(offset, axis=1))
-
-
-def _channel_order(
-    tree: Any, names: list[str]
-) -> tuple[int, list[str], dict[str, tuple[int, int]]]:
-    """Sort channels into polarizations and pairs, in the order of the file.
-
-    Returns the number of pairs, the polarizations, and where each channel goes in them.
-    """
-    label_of = _labels(tree)
-    labels = list(dict.fromkeys(label_of[name] for name in names))
-    counts = {label: 0 for label in labels}
-    position_of = {}
-    for name in names:
-        label = label_of[name]
-        position_of[name] = (labels.index(label), counts[label])
-        counts[label] += 1
-    if len(set(counts.values())) > 1:
-        raise ValueError(f"every polarization must have the same number of channels, got {counts}")
-    return counts[labels[0]], labels, position_of
-
-
-def _labels(tree: Any) -> dict[str, str]:
-    """Return the polarization of each channel."""
-    label_of = {}
-    for parameters in tree.findall("{*}Channel/{*}Parameters"):
-        tx = parameters.findtext("{*}Polarization/{*}TxPol")
-        rx = parameters.findtext("{*}Polarization/{*}RcvPol")
-        label_of[parameters.findtext("{*}Identifier")] = f"{tx}{rx}"
-    return label_of
+    return floats(np.linalg.norm(vectors[name] - vectors["SRPPos"], axis=1))
 
 
 def _frequency(channels: dict[str, _Channel], added: dict[str, str]) -> FloatArray:
     """Return the tones (frequency,) of all vectors, Hz."""
-    starts = [channel.vectors["SC0"] for channel in channels.values()]
-    steps = [channel.vectors["SCSS"] for channel in channels.values()]
-    start = np.concatenate(starts)
-    step = np.concatenate(steps)
-    first_channel = next(iter(channels.values()))
-    count = first_channel.signal.shape[1]
+    start, step = (
+        np.concatenate([channel.vectors[name] for channel in channels.values()])
+        for name in ("SC0", "SCSS")
+    )
+    count = next(iter(channels.values())).signal.shape[1]
     if not np.isfinite([start, step]).all():
         raise ValueError("SC0 and SCSS must be finite")
     largest = _UNEVEN * abs(step[0])
@@ -481,7 +415,7 @@ def _frequency(channels: dict[str, _Channel], added: dict[str, str]) -> FloatArr
 
 
 def _geometry(
-    vectors_of_pair: dict[int, AnyArray], anchor: Anchor | None
+    pairs: list[Vectors], anchor: Anchor | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return positions (pair, 3) of transmitters and receivers, and poses (scan, 6)."""
     if anchor is None:
@@ -489,28 +423,17 @@ def _geometry(
             "an anchor is needed: positions are geocentric and the file does not say where the "
             "lane is"
         )
-    sides = []
-    for name in ("TxPos", "RcvPos"):
-        positions = []
-        for pair in sorted(vectors_of_pair):
-            positions.append(anchor.from_geocentric(vectors_of_pair[pair][name]))
-        sides.append(np.stack(positions, axis=1))
-    tx, rx = sides
-
-    origin = tx.mean(axis=1)
-    local_tx = tx - origin[:, None]
-    local_rx = rx - origin[:, None]
-    moved_tx = float(np.abs(local_tx - local_tx[0]).max())
-    moved_rx = float(np.abs(local_rx - local_rx[0]).max())
-    moved = max(moved_tx, moved_rx)
+    tx, rx = (
+        np.stack([anchor.from_geocentric(vectors[name]) for vectors in pairs], axis=1)
+        for name in ("TxPos", "RcvPos")
+    )
+    local_tx, local_rx, pose, moved = rigid_array(tx, rx)
     if not moved <= _LARGEST_MOTION:
         raise ValueError(
             "the array must keep its form and heading from vector to vector, "
             f"it moves by {moved:g} m"
         )
-    pose = np.zeros((len(origin), 6))
-    pose[:, :3] = origin
-    return local_tx[0], local_rx[0], pose
+    return local_tx, local_rx, pose
 
 
 class CphdReader(Reader):
@@ -526,21 +449,20 @@ class CphdReader(Reader):
     def explain(self, path: Path, limit: int) -> Explanation:  # noqa: ARG002
         """Return channels, band and collector."""
         sarkit = optional("sarkit.cphd", "cphd")
-        with _faults_of_cphd(path):
+        with faults_of_parser(path, "CPHD", (FileNotFoundError,)):
             with path.open("rb") as file, sarkit.Reader(file) as reader:
-                tree = reader.metadata.xmltree
-            channels = tree.findall("{*}Data/{*}Channel")
-            vectors = channels[0].findtext("{*}NumVectors")
-            samples = channels[0].findtext("{*}NumSamples")
-            domain = tree.findtext("{*}Global/{*}DomainType")
-            low = float(tree.findtext("{*}Global/{*}FxBand/{*}FxMin")) / 1e9
-            high = float(tree.findtext("{*}Global/{*}FxBand/{*}FxMax")) / 1e9
-            polarizations = sorted(set(_labels(tree).values()))
-            collector = tree.findtext("{*}CollectionID/{*}CollectorName")
-            is_ours = "flgpr_tx_position" in _added_parameters(tree)
+                head = _head_of(reader)
+            vectors, samples = next(iter(head.channels.values()))
+            domain = head.text("Global", "DomainType")
+            low = float(head.text("Global", "FxBand", "FxMin")) / 1e9
+            high = float(head.text("Global", "FxBand", "FxMax")) / 1e9
+            polarizations = sorted(set(head.labels.values()))
+            collector = head.text("CollectionID", "CollectorName")
+        is_ours = "flgpr_tx_position" in head.added
         anchor = "" if is_ours else "; an anchor is needed to place the lane"
         lines = [
-            f"{len(channels)} channels of {vectors} vectors x {samples} samples, {domain} domain",
+            f"{len(head.channels)} channels of {vectors} vectors x {samples} samples, {domain} "
+            "domain",
             f"{low:.4g} to {high:.4g} GHz, polarizations {', '.join(polarizations)}",
             f"collected by {collector}, read without a mapping{anchor}",
         ]

@@ -13,7 +13,7 @@ from flgpr.geo.anchor import Anchor
 from flgpr.json_text import canonical_json
 from flgpr.model import POSE_COMPONENTS, Grid
 from flgpr.store.extras import optional
-from flgpr.types import Arrays, FloatArray
+from flgpr.types import Arrays, Entries, FloatArray
 from flgpr_exchange.documents import document
 
 Vectors = Arrays
@@ -63,7 +63,19 @@ def metadata_tree(
     """
     first = vectors[names[0]]
     layout, vector_bytes = _layout(first)
-    middle, duration = _dwell(first)
+    out = np.linalg.norm(first["TxPos"] - first["SRPPos"], axis=1)
+    back = np.linalg.norm(first["RcvPos"] - first["SRPPos"], axis=1)
+    # The pulse is at the reference point after the way out, a share of the time there and back.
+    two_way_time = first["RcvTime"] - first["TxTime"]
+    reached = first["TxTime"] + out / (out + back) * two_way_time
+    # JSON has no NaN.
+    times = [one if math.isfinite(one) else None for one in run["time"].values.tolist()]
+    kept = {f"flgpr_{name}": run[name] for name in ("tx_position", "rx_position", "frequency")}
+    added = {
+        "flgpr_attrs": canonical_json(dict(run.attrs)).decode(),
+        **{name: json.dumps(values.values.tolist()) for name, values in kept.items()},
+        TIME: json.dumps(times),
+    }
     text = document(
         "flgpr_exchange.cphd",
         "metadata.xml",
@@ -79,11 +91,11 @@ def metadata_tree(
         scans=run.sizes["scan"],
         tones=run.sizes["frequency"],
         channels=[_channel(run, name) for name in names],
-        added=_added(run),
+        added=added,
         layout=layout,
         vector_bytes=vector_bytes,
-        dwell_middle=middle,
-        dwell=duration,
+        dwell_middle=float((reached[0] + reached[-1]) / 2),
+        dwell=float(reached[-1] - reached[0]),
     )
     etree = optional("lxml.etree", "cphd")
     # Times of a long run are more text than a parser takes from anybody.
@@ -91,19 +103,7 @@ def metadata_tree(
     return etree.fromstring(text, parser).getroottree()
 
 
-def _dwell(first: Vectors) -> tuple[float, float]:
-    """Return the middle and the length of the time in which the reference point is seen, s."""
-    out = np.linalg.norm(first["TxPos"] - first["SRPPos"], axis=1)
-    back = np.linalg.norm(first["RcvPos"] - first["SRPPos"], axis=1)
-    # The pulse is at the reference point after the way out, a share of the time there and back.
-    two_way_time = first["RcvTime"] - first["TxTime"]
-    reached = first["TxTime"] + out / (out + back) * two_way_time
-    center = float((reached[0] + reached[-1]) / 2)
-    duration = float(reached[-1] - reached[0])
-    return center, duration
-
-
-def _place(anchor: Anchor, scene: Grid) -> dict[str, Any]:
+def _place(anchor: Anchor, scene: Grid) -> Entries:
     """Return where the scene lies: its centre, axes and corners on the Earth."""
     x1, x2, y1, y2 = scene.extent()
     center = np.array([(x1 + x2) / 2, (y1 + y2) / 2, 0.0])
@@ -120,7 +120,7 @@ def _place(anchor: Anchor, scene: Grid) -> dict[str, Any]:
     }
 
 
-def _channel(run: xr.Dataset, name: str) -> dict[str, Any]:
+def _channel(run: xr.Dataset, name: str) -> Entries:
     """Return name and polarization of a channel, and whether no sweep of it is missing."""
     pair, label = name.split("_")[:2]
     labels = [str(one) for one in run["polarization"].values]
@@ -128,32 +128,14 @@ def _channel(run: xr.Dataset, name: str) -> dict[str, Any]:
     return {"name": name, "label": label, "complete": bool(sweeps.all())}
 
 
-def _added(run: xr.Dataset) -> dict[str, str]:
-    """Return as JSON what of a run has no element in CPHD."""
-    attrs = {str(name): value for name, value in run.attrs.items()}
-    times = []
-    for time in run["time"].values.tolist():
-        # JSON has no NaN.
-        times.append(time if math.isfinite(time) else None)
-    return {
-        "flgpr_attrs": canonical_json(attrs).decode(),
-        "flgpr_tx_position": json.dumps(run["tx_position"].values.tolist()),
-        "flgpr_rx_position": json.dumps(run["rx_position"].values.tolist()),
-        "flgpr_frequency": json.dumps(run["frequency"].values.tolist()),
-        TIME: json.dumps(times),
-    }
-
-
-def _layout(first: Vectors) -> tuple[list[dict[str, Any]], int]:
+def _layout(first: Vectors) -> tuple[list[Entries], int]:
     """Return how the parameters of a vector lie in it, and its bytes; a number is a word."""
     offset = 0  # in words of 8 bytes
     layout = []
     for name, values in first.items():
-        size = 1
-        form = "I8" if values.dtype.kind == "i" else "F8"
+        size, form = 1, "I8" if values.dtype.kind == "i" else "F8"
         if values.ndim > 1:
-            size = 3
-            form = "X=F8;Y=F8;Z=F8;"
+            size, form = 3, "X=F8;Y=F8;Z=F8;"
         place = {"name": name, "offset": offset, "size": size, "format": form}
         layout.append(place | {"added": name in ADDED})
         offset += size

@@ -17,6 +17,8 @@ import re
 import tomllib
 from importlib import resources
 
+from flgpr.types import Notes
+
 _MODELS = tomllib.loads(
     (resources.files("flgpr_exchange.gpr") / "antennas.toml").read_text("utf-8")
 )
@@ -69,7 +71,7 @@ def set_frequency(name: str, channel: int) -> float | None:
     return None if megahertz is None else megahertz * 1e6
 
 
-def noted_frequency(name: str, maker: str, notes: list[str], channel: int = 0) -> float | None:
+def noted_frequency(name: str, maker: str, notes: Notes, channel: int = 0) -> float | None:
     """Return what :func:`antenna_frequency` does, and note how it is known.
 
     There is no note where the name states it with a unit.
@@ -113,9 +115,16 @@ def _look_up(name: str, maker: str, channel: int) -> tuple[float | None, str]:
     if maker == "GSSI":
         megahertz = _of_set(model, channel) or _MODELS["gssi"].get(model)
     elif maker == "MALÅ":
-        megahertz = _of_mala(model)
+        # The model in a name, such as GX450 HDR (v.1), if it is a single one.
+        named = {letters + digits for letters, digits in _MALA_MODEL.findall(model)}
+        known = named & _MODELS["mala"].keys()
+        megahertz = _MODELS["mala"][known.pop()] if len(known) == 1 else None
     if megahertz is None:
-        megahertz = _with_unit(model)
+        stated = {
+            float(number.replace(",", ".")) * (1e3 if unit == "G" else 1.0)
+            for number, unit in _WITH_UNIT.findall(model)
+        }
+        megahertz = stated.pop() if len(stated) == 1 else None
         source = ""
     if megahertz is None and maker in ("MALÅ", "ImpulseRadar"):
         # The field is the frequency and the kind, such as "500_shielded_0.18".
@@ -136,23 +145,3 @@ def _of_set(model: str, channel: int) -> float | None:
     """Return the frequency, MHz, of a channel's antenna in a set; None if the name is no set's."""
     frequencies = _MODELS["gssi_sets"].get(model)
     return frequencies[channel] if frequencies and channel < len(frequencies) else None
-
-
-def _of_mala(model: str) -> float | None:
-    """Return the frequency, MHz, of the model in a name, such as GX450 HDR (v.1).
-
-    It is None if there are several, or none.
-    """
-    models = set()
-    for letters, digits in _MALA_MODEL.findall(model):
-        models.add(letters + digits)
-    known = models & _MODELS["mala"].keys()
-    return _MODELS["mala"][known.pop()] if len(known) == 1 else None
-
-
-def _with_unit(model: str) -> float | None:
-    """Return the frequency, MHz, that a name states; several that differ state none."""
-    stated = set()
-    for number, unit in _WITH_UNIT.findall(model):
-        stated.add(float(number.replace(",", ".")) * (1e3 if unit == "G" else 1.0))
-    return stated.pop() if len(stated) == 1 else None

@@ -7,12 +7,11 @@ such as the example data of GPRPy.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike
 
-from flgpr.types import AnyArray, FloatArray, IntArray, floats
+from flgpr.types import Entries, FloatArray, IntArray, Notes
 from flgpr_exchange.gpr.antennas import antenna_frequency, noted_frequency, set_frequency
 from flgpr_exchange.gpr.dzx import DzxContent, read_dzx
 from flgpr_exchange.gpr.parts import (
@@ -22,9 +21,10 @@ from flgpr_exchange.gpr.parts import (
     exact_floats,
     find_companion,
     first_bytes,
+    header_words,
     measured_distance,
+    note_count,
     read_records,
-    words_type,
 )
 from flgpr_exchange.gpr.positions import nmea_fixes, note_unread
 
@@ -42,36 +42,33 @@ _RATES = (1e-3, 1e6)  # scans a second that are plausible
 _SPACINGS = (1e-3, 1e5)  # scans per metre that are plausible
 
 
-_WORDS: dict[str, tuple[str, int]] = {
-    "tag": ("<u2", 0),
-    "start": ("<u2", 2),  # of the samples, in headers or bytes
-    "samples": ("<u2", 4),
-    "bits": ("<u2", 6),
-    "per_second": ("<f4", 10),  # scans
-    "per_metre": ("<f4", 14),  # scans
-    "position": ("<f4", 22),  # of the first sample, ns
-    "range": ("<f4", 26),  # ns
-    "channels": ("<u2", 52),
+_WORDS = {
+    "tag": ("u2", 0),
+    "start": ("u2", 2),  # of the samples, in headers or bytes
+    "samples": ("u2", 4),
+    "bits": ("u2", 6),
+    "per_second": ("f4", 10),  # scans
+    "per_metre": ("f4", 14),  # scans
+    "position": ("f4", 22),  # of the first sample, ns
+    "range": ("f4", 26),  # ns
+    "channels": ("u2", 52),
     "antenna": ("S14", 98),
     "system": ("u1", 113),
 }
 """Words of a channel's header that are read: type and offset."""
 
 
-def read_dzt(path: Path, limit: int) -> dict[str, Any]:
+def read_dzt(path: Path, limit: int, notes: Notes) -> Entries:
     """Read a DZT.
 
     Parameters, entries and errors are those of :func:`flgpr_exchange.gpr.dt1.read_dt1`.
     """
-    raw = first_bytes(path, _MOST_CHANNELS * _HEADER)
-    if len(raw) < _HEADER:
-        raise ValueError(f"its header must have {_HEADER} bytes, the file has {len(raw)}")
-    notes: list[str] = []
-    head = _heads(raw)[0]
+    raw = first_bytes(path, _MOST_CHANNELS * _HEADER, 0, "its header", _HEADER)
+    head = header_words(raw[:_HEADER], _WORDS, "<")
     _check_head(head, notes)
-    channels = int(head["channels"]) or 1
-    samples = int(head["samples"])
-    start = int(head["start"])
+    channels = head["channels"] or 1
+    samples = head["samples"]
+    start = head["start"]
 
     # By the structure a small number counts headers, and a larger one bytes, which all channels'
     # headers take.
@@ -79,10 +76,15 @@ def read_dzt(path: Path, limit: int) -> dict[str, Any]:
     if start == _OLD_HEADER and begin >= path.stat().st_size:
         begin = _OLD_HEADER
         notes.append(f"its header has {_OLD_HEADER} bytes, as old files have")
-    heads = _heads(raw[: max(begin, _HEADER)])[:channels]
+    # Headers that are not there are zero.
+    whole = raw[: max(begin, _HEADER)].ljust(_MOST_CHANNELS * _HEADER, b"\0")
+    heads = [
+        header_words(whole[_HEADER * channel : _HEADER * (channel + 1)], _WORDS, "<")
+        for channel in range(channels)
+    ]
     delays = _delays(heads, notes)
 
-    sample, offset = _TYPES[int(head["bits"])]
+    sample, offset = _TYPES[head["bits"]]
     record = np.dtype((sample, (channels, samples)))
     table = read_records(path, begin, record, None, notes, limit)
     trace_words = table[:, 0, :2].astype(np.int64)
@@ -97,8 +99,14 @@ def read_dzt(path: Path, limit: int) -> dict[str, Any]:
 
     count = len(traces)
     dzx = read_dzx(find_companion(path, ".dzx"), count, notes)
-    distance = _distance(count, float(head["per_metre"]), dzx, notes)
-    time = _time(count, float(head["per_second"]), distance is None, notes)
+    distance = _distance(count, head["per_metre"], dzx, notes)
+    per_second = head["per_second"]
+    is_rate = _RATES[0] <= per_second <= _RATES[1]
+    what = "scans a second in the header are no rate"
+    time = None
+    if _is_plausible(is_rate, per_second, what, notes) and distance is None:
+        notes.append(f"the traces' clock is that of {per_second:g} scans a second, by the header")
+        time = np.arange(count) / per_second
     fixes = nmea_fixes(find_companion(path, ".dzg"), count, notes, trace_words[:, 0])
     note_unread(path, (".dza", ".plt", ".tmf"), notes)
     return {
@@ -107,25 +115,15 @@ def read_dzt(path: Path, limit: int) -> dict[str, Any]:
         "channel_delay": delays if (delays != delays[0]).any() else None,
         "distance": distance,
         "time": time,
-        "fixes": fixes.table,
-        "fix_time": fixes.time,
+        "fixes": fixes,
         "marks": _marks(trace_words[:, 1], dzx, notes),
         "frequencies": _frequencies(heads, notes),
-        "history": tuple(notes),
     }
 
 
-def _heads(raw: bytes) -> AnyArray:
-    """Return the words of the headers of all channels; those that are not there are zero."""
-    whole = raw.ljust(_MOST_CHANNELS * _HEADER, b"\0")
-    return np.frombuffer(whole, words_type(_WORDS, _HEADER), _MOST_CHANNELS)
-
-
-def _check_head(head: AnyArray, notes: list[str]) -> None:
+def _check_head(head: Entries, notes: Notes) -> None:
     """Refuse a first header of no such file; note what is unusual in one."""
-    tag, samples, bits, channels = (
-        int(head[name]) for name in ("tag", "samples", "bits", "channels")
-    )
+    tag, samples, bits, channels = (head[name] for name in ("tag", "samples", "bits", "channels"))
     if bits not in _TYPES or samples < 4 or channels > _MOST_CHANNELS:
         raise ValueError(
             "it must have 8, 16 or 32 bits, 4 or more samples and 1 to 4 channels, "
@@ -137,36 +135,38 @@ def _check_head(head: AnyArray, notes: list[str]) -> None:
         notes.append(f"its tag is {tag:#06x}, not 0xnnFF: so begin files that RADAN edited")
 
 
-def _time(count: int, per_second: float, needed: bool, notes: list[str]) -> FloatArray | None:
-    """Return the traces' clock (trace,), s, by the header's rate, where that is ``needed``."""
-    plausible = np.isfinite(per_second) and _RATES[0] <= per_second <= _RATES[1]
-    if per_second != 0 and not plausible:
-        notes.append(f"{per_second:g} scans a second in the header are no rate and are not used")
-    if not (needed and plausible):
-        return None
-    notes.append(f"the traces' clock is that of {per_second:g} scans a second, by the header")
-    return np.arange(count) / per_second
+def _is_plausible(is_within: bool, value: float, what: str, notes: Notes) -> bool:
+    """Return whether a value of the header is within its bounds; note one that is not, unless 0."""
+    if value != 0 and not is_within:
+        notes.append(f"{value:g} {what} and are not used")
+    return is_within
 
 
-def _delays(heads: AnyArray, notes: list[str]) -> FloatArray:
+def _delays(heads: list[Entries], notes: Notes) -> FloatArray:
     """Return the delays (channel, sample), s, by each channel's own header."""
     first = heads[0]
-    samples = int(first["samples"])
+    samples = first["samples"]
     delays = np.empty((len(heads), samples))
     for channel, head in enumerate(heads):
-        delay = _delay_of(head, first, channel)
-        if delay is None and channel == 0:
-            raise ValueError(
-                "range and position must be times in ns, "
-                f"got {first['range']:g} and {first['position']:g}"
-            )
-        if delay is None:
+        position, window = head["position"], head["range"]
+        interval = window * NANOSECOND / samples
+        if not INTERVALS[0] <= interval <= INTERVALS[1] or not abs(position) <= 100 * window:
+            if channel == 0:
+                raise ValueError(
+                    f"range and position must be times in ns, got {window:g} and {position:g}"
+                )
             notes.append(
                 f"the header of channel {channel} tells no time window: "
                 "it is taken as that of the first"
             )
-            delay = delays[0]
-        delays[channel] = delay
+            delays[channel] = delays[0]
+            continue
+        if head["samples"] and any(head[name] != first[name] for name in ("samples", "bits")):
+            raise ValueError(
+                f"channel {channel} must have {samples} samples of {first['bits']} bits as the "
+                f"first, got {head['samples']} of {head['bits']}"
+            )
+        delays[channel] = position * NANOSECOND + np.arange(samples) * interval
     if (delays[:, 0] == 0).any():
         notes.append("the header puts time zero at the first sample")
     for channel, delay in enumerate(delays):
@@ -180,22 +180,7 @@ def _delays(heads: AnyArray, notes: list[str]) -> FloatArray:
     return delays
 
 
-def _delay_of(head: AnyArray, first: AnyArray, channel: int) -> FloatArray | None:
-    """Return the delays (sample,), s, that a channel's header states; None without a window."""
-    samples = int(first["samples"])
-    position, window = float(head["position"]), float(head["range"])
-    interval = window * NANOSECOND / samples
-    if not INTERVALS[0] <= interval <= INTERVALS[1] or not abs(position) <= 100 * window:
-        return None
-    if head["samples"] and any(head[name] != first[name] for name in ("samples", "bits")):
-        raise ValueError(
-            f"channel {channel} must have {samples} samples of {first['bits']} bits as the first, "
-            f"got {head['samples']} of {head['bits']}"
-        )
-    return floats(position * NANOSECOND + np.arange(samples) * interval)
-
-
-def _distance(count: int, per_metre: float, dzx: DzxContent, notes: list[str]) -> FloatArray | None:
+def _distance(count: int, per_metre: float, dzx: DzxContent, notes: Notes) -> FloatArray | None:
     """Return the distance along the line (trace,), m.
 
     It is that of the waypoints of the DZX, else by the wheel or by the DZX's spacing.
@@ -205,18 +190,16 @@ def _distance(count: int, per_metre: float, dzx: DzxContent, notes: list[str]) -
     if len(waypoints) > 1 and np.ptp(waypoints[:, 1]) > 0:
         distance = _between_waypoints(count, waypoints, notes)
         return measured_distance(distance, None, "distances of the DZX", "the DZX", notes)
-    plausible = np.isfinite(per_metre) and _SPACINGS[0] <= abs(per_metre) <= _SPACINGS[1]
-    if per_metre != 0 and not plausible:
-        notes.append(f"{per_metre:g} scans per metre in the header are no spacing and are not used")
-    if plausible:
-        where = f"{per_metre:g} scans per metre in the header"
-        return equal_steps(count, 1 / per_metre, where, notes)
+    is_spacing = _SPACINGS[0] <= abs(per_metre) <= _SPACINGS[1]
+    what = "scans per metre in the header"
+    if _is_plausible(is_spacing, per_metre, f"{what} are no spacing", notes):
+        return equal_steps(count, 1 / per_metre, f"{per_metre:g} {what}", notes)
     if dzx.spacing is not None and 1e-5 <= dzx.spacing <= 1e3:
         return equal_steps(count, dzx.spacing, "unitsPerScan of the DZX", notes)
     return None
 
 
-def _between_waypoints(count: int, waypoints: FloatArray, notes: list[str]) -> FloatArray:
+def _between_waypoints(count: int, waypoints: FloatArray, notes: Notes) -> FloatArray:
     """Return the distance (trace,), m, between waypoints (waypoint, 2) of scan and distance.
 
     It goes on at the mean step before the first and behind the last.
@@ -228,21 +211,18 @@ def _between_waypoints(count: int, waypoints: FloatArray, notes: list[str]) -> F
     trace = np.arange(count)
     first, first_distance = waypoints[0]
     last, last_distance = waypoints[-1]
-    outside = np.count_nonzero((trace < first) | (trace > last))
-    if outside:
-        notes.append(
-            f"{outside} traces lie before the first or behind the last of them, "
-            "and go on at the mean step"
-        )
+    note_count(
+        notes,
+        (trace < first) | (trace > last),
+        "traces lie before the first or behind the last of them, and go on at the mean step",
+    )
     step = (last_distance - first_distance) / (last - first)
     distance = np.interp(trace, waypoints[:, 0], waypoints[:, 1])
-    before_first = np.minimum(trace - first, 0)
-    behind_last = np.maximum(trace - last, 0)
-    distance += step * (before_first + behind_last)
+    distance += step * (np.minimum(trace - first, 0) + np.maximum(trace - last, 0))
     return distance
 
 
-def _marks(mark_words: IntArray, dzx: DzxContent, notes: list[str]) -> tuple[int, ...]:
+def _marks(mark_words: IntArray, dzx: DzxContent, notes: Notes) -> tuple[int, ...]:
     """Return the traces with a mark.
 
     Their second word differs from the usual one, or the DZX marks them.
@@ -256,38 +236,28 @@ def _marks(mark_words: IntArray, dzx: DzxContent, notes: list[str]) -> tuple[int
             "none is taken for a mark"
         )
         marked = marked[:0]
-    if dzx.marks:
-        notes.append(f"{len(dzx.marks)} marks are those of the DZX")
+    note_count(notes, len(dzx.marks), "marks are those of the DZX")
     return tuple(sorted({*marked.tolist(), *dzx.marks}))
 
 
-def _frequencies(heads: AnyArray, notes: list[str]) -> tuple[float | None, ...]:
+def _frequencies(heads: list[Entries], notes: Notes) -> tuple[float | None, ...]:
     """Return the nominal frequency of each channel's antenna, Hz, by its name in the header."""
-    names = [cell.split(b"\0")[0].decode("latin-1").strip() for cell in heads["antenna"].tolist()]
+    names = [head["antenna"].split(b"\0")[0].decode("latin-1").strip() for head in heads]
     quoted = ", ".join(map(repr, names))
     notes.append(f"antennas {quoted}; the file tells no antenna separation")
-    is_mini_xt = int(heads["system"][0]) >> 3 == _MINI_XT  # the lower bits are a version
-    return tuple(_frequency_of(channel, names, is_mini_xt, notes) for channel in range(len(names)))
-
-
-def _frequency_of(
-    channel: int, names: list[str], is_mini_xt: bool, notes: list[str]
-) -> float | None:
-    """Return the nominal frequency of a channel's antenna, Hz.
-
-    It is known by its name, the set it is of, or the system.
-    """
-    name = names[channel]
-    if antenna_frequency(name, "GSSI", channel) is not None:
-        return noted_frequency(name, "GSSI", notes, channel)
-    of_set = set_frequency(names[0], channel) if channel else None
-    if of_set is not None:
-        notes.append(
-            f"the antenna of channel {channel} is taken as the second of {names[0]!r}: "
-            f"{of_set / 1e6:g} MHz"
-        )
-        return of_set
-    if is_mini_xt:
-        notes.append("its system is a StructureScan Mini XT, whose antenna is taken")
-        return antenna_frequency("SSMINIXT", "GSSI")
-    return noted_frequency(name, "GSSI", notes, channel)
+    is_mini_xt = heads[0]["system"] >> 3 == _MINI_XT  # the lower bits are a version
+    frequencies: list[float | None] = []
+    for channel, name in enumerate(names):
+        of_set = set_frequency(names[0], channel) if channel else None
+        if antenna_frequency(name, "GSSI", channel) is None and of_set is not None:
+            notes.append(
+                f"the antenna of channel {channel} is taken as the second of {names[0]!r}: "
+                f"{of_set / 1e6:g} MHz"
+            )
+            frequencies.append(of_set)
+        elif antenna_frequency(name, "GSSI", channel) is None and is_mini_xt:
+            notes.append("its system is a StructureScan Mini XT, whose antenna is taken")
+            frequencies.append(antenna_frequency("SSMINIXT", "GSSI"))
+        else:
+            frequencies.append(noted_frequency(name, "GSSI", notes, channel))
+    return tuple(frequencies)

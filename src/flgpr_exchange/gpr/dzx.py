@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
@@ -12,7 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from flgpr.budget import Budget
-from flgpr.types import FloatArray
+from flgpr.types import FloatArray, Notes, floats
 from flgpr_exchange.gpr.parts import length_unit, read_companion
 
 _MOST_WAYPOINTS = 1_000_000
@@ -20,25 +19,16 @@ _MOST_MEMORY = 300 * 10**6  # bytes that all elements may take: 3 million of the
 _AGREE = 0.05  # share by which two spacings of one file may differ
 
 
-@dataclass(frozen=True)
-class DzxContent:
+class DzxContent(NamedTuple):
     """What GSSI's XML beside a DZT states."""
 
     marks: tuple[int, ...] = ()  #: scans, from 0, that the operator marked
     spacing: float | None = None  #: of scans, m
     #: (waypoint, 2): scan and distance along the line, m
-    distances: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    distances: FloatArray = np.empty((0, 2))
 
 
-class _Waypoints(NamedTuple):
-    """What the waypoints of a DZX state."""
-
-    marks: tuple[int, ...]
-    distances: list[tuple[float, float]]  # scan, and m along the line
-    corners: list[tuple[float, float, float]]  # scan, x and y, m
-
-
-def read_dzx(path: Path | None, count: int, notes: list[str]) -> DzxContent:
+def read_dzx(path: Path | None, count: int, notes: Notes) -> DzxContent:
     """Read a ``.dzx``, GSSI's XML, as readgssi and RGPR do.
 
     Parameters
@@ -76,76 +66,56 @@ def read_dzx(path: Path | None, count: int, notes: list[str]) -> DzxContent:
             "they are not used"
         )
 
-    waypoints = _read_waypoints(root, count, scale)
-    units_per_scan = _number(_text_of(root, "unitsPerScan"))
-    spacing = None
-    if scale is not None and np.isfinite(units_per_scan) and units_per_scan > 0:
-        spacing = units_per_scan * scale
-
-    rows = waypoints.distances or _along(waypoints.corners)
-    table = np.array(rows, dtype=np.float64).reshape(-1, 2)
-    if spacing is not None and not waypoints.distances and len(table) > 1:
-        scans = max(np.ptp(table[:, 0]), 1.0)
-        measured = np.ptp(table[:, 1]) / scans
-        if abs(measured - spacing) > _AGREE * spacing:
-            notes.append(
-                f"{path.name} contradicts itself: its scans are {spacing:.4g} m apart by "
-                f"unitsPerScan and {measured:.4g} m by localCoords; neither is used"
-            )
-            return DzxContent(waypoints.marks)
-    return DzxContent(waypoints.marks, spacing, table)
+    marks, distances, corners = _read_waypoints(root, count, scale)
+    spacing = _number(_text_of(root, "unitsPerScan")) * (scale or np.nan)
+    if not 0 < spacing < np.inf:
+        return DzxContent(marks, None, distances if len(distances) else corners)
+    if len(distances) or len(corners) < 2:
+        return DzxContent(marks, spacing, distances if len(distances) else corners)
+    measured = np.ptp(corners[:, 1]) / max(np.ptp(corners[:, 0]), 1.0)
+    if abs(measured - spacing) > _AGREE * spacing:
+        notes.append(
+            f"{path.name} contradicts itself: its scans are {spacing:.4g} m apart by "
+            f"unitsPerScan and {measured:.4g} m by localCoords; neither is used"
+        )
+        return DzxContent(marks)
+    return DzxContent(marks, spacing, corners)
 
 
-def _read_waypoints(root: ElementTree.Element, count: int, scale: float | None) -> _Waypoints:
-    """Return what the waypoints state of ``count`` scans; ``scale`` is their unit of length, m."""
+def _read_waypoints(
+    root: ElementTree.Element, count: int, scale: float | None
+) -> tuple[tuple[int, ...], FloatArray, FloatArray]:
+    """Return what the waypoints of all profiles and targets state of ``count`` scans.
+
+    These are the scans with a mark, and (waypoint, 2) scans with their distance along the line, m,
+    as it is stated, and as it follows from their places. ``scale`` is their unit of length, m.
+    """
     marks: set[int] = set()
     distances: list[tuple[float, float]] = []
-    corners: list[tuple[float, float, float]] = []
-    for waypoint in _waypoints(root):
+    corners: list[tuple[float, float, float]] = []  # scan, x and y, m
+    elements = (one for one in root.iter() if _name(one) in ("WayPt", "TargetWayPt"))
+    for element in islice(elements, _MOST_WAYPOINTS):
+        waypoint = {_name(entry): entry.text or "" for entry in element}
         # A target has its scan in a list of scan, sample, channel and property.
         is_target = "scanSampChanProp" in waypoint
         scan_of_target = waypoint.get("scanSampChanProp", "").split(",")[0]
         scan = _number(waypoint.get("scan", scan_of_target))
-        if not (np.isfinite(scan) and 0 <= scan < count):
+        if not 0 <= scan < count:
             continue
-        is_of_user = waypoint.get("mark", "").strip().lower() == "user"
-        if is_of_user or is_target:
+        if is_target or waypoint.get("mark", "").strip().lower() == "user":
             marks.add(int(scan))
         if scale is None:
             continue
         distance = _number(waypoint.get("distance", ""))
         if np.isfinite(distance):
             distances.append((scan, distance * scale))
-        cells = waypoint.get("localCoords", "").split(",")
-        local = [_number(cell) for cell in cells[:2]]
+        local = [_number(cell) for cell in waypoint.get("localCoords", "").split(",")[:2]]
         if len(local) == 2 and np.isfinite(local).all():
-            x, y = local
-            corners.append((scan, x * scale, y * scale))
-    return _Waypoints(tuple(sorted(marks)), distances, corners)
-
-
-def _along(corners: list[tuple[float, float, float]]) -> list[tuple[float, float]]:
-    """Return scan and distance, m, along the line through points (scan, x, y) by their scans."""
-    rows: list[tuple[float, float]] = []
-    distance = 0.0
-    ordered = sorted(corners)
-    for number, (scan, x, y) in enumerate(ordered):
-        if number:
-            _, last_x, last_y = ordered[number - 1]
-            distance += float(np.hypot(x - last_x, y - last_y))
-        rows.append((scan, distance))
-    return rows
-
-
-def _waypoints(root: ElementTree.Element) -> Iterator[dict[str, str]]:
-    """Yield the waypoints of all profiles and targets: the texts of their entries by name."""
-    count = 0
-    for element in root.iter():
-        if _name(element) in ("WayPt", "TargetWayPt"):
-            count += 1
-            if count > _MOST_WAYPOINTS:
-                return
-            yield {_name(entry): entry.text or "" for entry in element}
+            corners.append((scan, local[0] * scale, local[1] * scale))
+    scans, x, y = floats(sorted(corners)).reshape(-1, 3).T
+    along = np.append(0.0, np.cumsum(np.hypot(np.diff(x), np.diff(y))))[: scans.size]
+    stated = floats(distances).reshape(-1, 2)
+    return tuple(sorted(marks)), stated, np.column_stack([scans, along])
 
 
 def _name(element: ElementTree.Element) -> str:
@@ -155,10 +125,7 @@ def _name(element: ElementTree.Element) -> str:
 
 def _text_of(root: ElementTree.Element, name: str) -> str:
     """Return the text of the first element of a name; empty if there is none."""
-    for element in root.iter():
-        if _name(element) == name:
-            return element.text or ""
-    return ""
+    return next((one.text or "" for one in root.iter() if _name(one) == name), "")
 
 
 def _number(text: str) -> float:

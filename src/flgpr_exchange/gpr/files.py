@@ -1,26 +1,29 @@
 """Files of commercial ground-penetrating radars: one line of traces, with what its headers say.
 
-A reader of a format takes a path and the most bytes to use, and returns the entries of a
-:class:`~flgpr.formats.section.GprSection`. What it leaves out, replaces or assumes it says in ``history``. Each maker's
-layout is described in the module of its reader.
+A reader of a format takes a path, the most bytes to use, and a list that gets a note of all that it
+leaves out, replaces or assumes. It returns entries of a :class:`~flgpr.formats.section.GprSection`,
+of which "fixes" are :class:`~flgpr_exchange.gpr.positions.Fixes`. Each maker's layout is described
+in the module of its reader.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
+from flgpr.formats.array_file import faults_of_parser
 from flgpr.formats.section import GprSection
 from flgpr.model.printable import printable
 from flgpr.store.files import existing
 from flgpr.store.store_layout import MAX_MEMORY
+from flgpr.types import Entries, Notes
 from flgpr_exchange.gpr.dt1 import read_dt1
 from flgpr_exchange.gpr.dzt import read_dzt
 from flgpr_exchange.gpr.ids import read_ids
 from flgpr_exchange.gpr.mala import read_impulse, read_mala
 from flgpr_exchange.gpr.ogpr import read_ogpr
 from flgpr_exchange.gpr.parts import MissingHeaderError
+from flgpr_exchange.gpr.positions import Fixes
 from flgpr_exchange.gpr.segy import read_segy, read_su
 
 NOT_READ = {
@@ -68,27 +71,21 @@ def read_gpr(path: str | Path, max_memory: int = MAX_MEMORY) -> GprSection:
     if suffix in NOT_READ:
         kind, advice = NOT_READ[suffix]
         raise ValueError(f"{path}: {kind} files cannot be read: {advice}")
-    if suffix in _HEADERS:
-        raise ValueError(
-            f"{path}: this is the header of a recording; give the {_HEADERS[suffix]} file beside it"
-        )
-    if suffix in _COMPANIONS:
-        raise ValueError(
-            f"{path}: this lies beside a recording and is read with it; "
-            f"give the {_COMPANIONS[suffix]} file beside it"
-        )
+    if suffix in _BESIDE:
+        what, recording = _BESIDE[suffix]
+        raise ValueError(f"{path}: this {what}; give the {recording} file beside it")
     if suffix not in READERS:
         raise ValueError(f"{path}: the ending must be one of {', '.join(READERS)}, got {suffix!r}")
     format_name, reader = READERS[suffix]
-    try:
-        entries = reader(path, max_memory)
-    except MissingHeaderError:
-        raise
-    except Exception as error:
-        message = " ".join(str(error).split())[:240] or type(error).__name__
-        raise ValueError(f"{path}: cannot be read as {format_name}: {message}") from None
-    defaults: dict[str, Any] = {"title": printable(path.stem), "max_memory": max_memory}
-    return GprSection(path, format_name, **(defaults | entries))
+    notes: Notes = []
+    with faults_of_parser(path, format_name, (MissingHeaderError,)):
+        entries = reader(path, max_memory, notes)
+    if entries.get("gather"):
+        notes.append(f"its antennas move apart ({entries['gather']}): it is no line of one offset")
+    fixes: Fixes = entries.pop("fixes", Fixes())
+    entries["title"] = entries.get("title") or printable(path.stem)
+    entries |= {"fixes": fixes.table, "fix_time": fixes.time, "history": tuple(notes)}
+    return GprSection(path, format_name, **entries, max_memory=max_memory)
 
 
 def is_gpr(path: Path) -> bool:
@@ -106,10 +103,10 @@ def is_gpr(path: Path) -> bool:
     bool
         Whether it is one.
     """
-    return path.suffix.lower() in {**READERS, **NOT_READ, **_HEADERS, **_COMPANIONS}
+    return path.suffix.lower() in {**READERS, **NOT_READ, **_BESIDE}
 
 
-READERS: dict[str, tuple[str, Callable[[Path, int], dict[str, Any]]]] = {
+READERS: dict[str, tuple[str, Callable[[Path, int, list[str]], Entries]]] = {
     ".dt1": ("Sensors & Software DT1", read_dt1),
     ".dzt": ("GSSI DZT", read_dzt),
     ".rd3": ("MALÅ RD3", read_mala),
@@ -123,13 +120,17 @@ READERS: dict[str, tuple[str, Callable[[Path, int], dict[str, Any]]]] = {
     ".ogpr": ("OpenGPR", read_ogpr),
 }
 """What each ending is, and how it is read."""
-_COMPANIONS = {
-    ".gps": ".dt1",
-    ".gp2": ".dt1",
-    ".dzg": ".dzt",
-    ".dzx": ".dzt",
-    ".cor": ".rd3, .rd7 or .iprb",
-    ".mrk": ".rd3, .rd7 or .iprb",
+_HEADER = "is the header of a recording"
+_COMPANION = "lies beside a recording and is read with it"
+_BESIDE = {
+    ".hd": (_HEADER, ".dt1"),
+    ".rad": (_HEADER, ".rd3 or .rd7"),
+    ".iprh": (_HEADER, ".iprb"),
+    ".gps": (_COMPANION, ".dt1"),
+    ".gp2": (_COMPANION, ".dt1"),
+    ".dzg": (_COMPANION, ".dzt"),
+    ".dzx": (_COMPANION, ".dzt"),
+    ".cor": (_COMPANION, ".rd3, .rd7 or .iprb"),
+    ".mrk": (_COMPANION, ".rd3, .rd7 or .iprb"),
 }
-"""Endings of positions and marks, and the recordings beside which they lie."""
-_HEADERS = {".hd": ".dt1", ".rad": ".rd3 or .rd7", ".iprh": ".iprb"}
+"""Endings of files beside a recording: what they are, and the recording's own."""

@@ -1,25 +1,28 @@
-"""A line of traces of a commercial ground-penetrating radar as a run, and described in words."""
+"""A line of traces of a commercial ground-penetrating radar as a run, and described in words.
+
+A run has one of its channels, or all of them; one that is only viewed has all that is recorded.
+"""
 
 from __future__ import annotations
 
 import math
 import shlex
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.formats.impulse import impulse_to_frequency
 from flgpr.formats.section import GprSection
 from flgpr.geo.anchor import Anchor
 from flgpr.model import make_run
 from flgpr.store.store_layout import MAX_MEMORY
-from flgpr.types import ComplexArray, FloatArray, IntArray
+from flgpr.types import ComplexArray, Entries, FloatArray, IntArray, Notes
 from flgpr_exchange.gpr.files import NOT_READ, READERS, read_gpr
-from flgpr_exchange.gpr.parts import INTERVALS, MissingHeaderError
+from flgpr_exchange.gpr.parts import INTERVALS, MissingHeaderError, note_count
 from flgpr_exchange.gpr.places import doubts_of_fixes, options_that_place, trace_poses
 
 _BLOCK = 512  # traces that are transformed at a time
@@ -110,7 +113,16 @@ def gpr_run(
         )
 
     delay = _delay(section.delay_of(channel), time_zero, window)
-    half = _half_separation(section, separation, across, height, notes)
+    apart = section.separation if separation is None else separation
+    if apart is None:
+        apart = 0.0
+        notes.append("no antenna separation is told: transmitter and receiver are put at one place")
+    if not (0 <= apart <= 100 and math.isfinite(height) and height >= 0):
+        raise ValueError(
+            "separation and height must not be negative, the first at most 100 m, "
+            f"got {apart}, {height}"
+        )
+    half = np.array([[apart / 2, 0.0, 0.0] if across else [0.0, apart / 2, 0.0]])
     middle = np.zeros((1, 3))
     if section.offsets is not None:
         middle[0, :2] = section.offsets[channel]
@@ -118,21 +130,10 @@ def gpr_run(
     nominal = section.frequencies[channel]
     chosen_band = _band(band, nominal, delay, notes)
     traces, pose = trace_poses(section, step, height, anchor, topography, notes)
-    if section.marks:
-        notes.append(f"{len(section.marks)} marks of the operator are not kept in the run")
+    note_count(notes, len(section.marks), "marks of the operator are not kept in the run")
     signal, tones = _signal(section, channel, traces, delay, chosen_band)
 
-    attrs = _attributes(section, delay, height, nominal, notes)
-    time = None if section.time is None else section.time[traces]
-    tx, rx = middle - half, middle + half
-    return make_run(signal[:, None, None], tones, [polarization], tx, rx, pose, time, attrs)
-
-
-def _attributes(
-    section: GprSection, delay: FloatArray, height: float, nominal: float | None, notes: list[str]
-) -> dict[str, Any]:
-    """Return the attributes of the run of a line."""
-    attrs: dict[str, Any] = {
+    attrs: Entries = {
         "title": section.title,
         "source": f"{section.format}, {section.path.name}",
         "import_notes": notes,
@@ -144,7 +145,9 @@ def _attributes(
     }
     if nominal:
         attrs["antenna_frequency_hz"] = nominal
-    return attrs
+    time = None if section.time is None else section.time[traces]
+    tx, rx = middle - half, middle + half
+    return make_run(signal[:, None, None], tones, [polarization], tx, rx, pose, time, attrs)
 
 
 def explain_gpr(path: Path, max_memory: int = MAX_MEMORY) -> tuple[str, list[str]]:
@@ -178,11 +181,26 @@ def explain_gpr(path: Path, max_memory: int = MAX_MEMORY) -> tuple[str, list[str
     except MissingHeaderError as error:
         return READERS[suffix][0], [str(error).partition(": ")[2]]
 
-    lines = [*_size_lines(section), _antenna_line(section)]
-    lines.append(
-        f"{len(section.fixes)} positions of a satellite receiver, {len(section.marks)} marks"
-    )
-    lines += [*section.history, *doubts_of_fixes(section)]
+    count, channels, samples = section.traces.shape
+    window = samples * float(section.delay[1] - section.delay[0])
+    zero = -section.delay[0] * 1e9
+    side = "after" if zero >= 0 else "before"
+    several = f", {channels} channels" if channels > 1 else ""
+    place = f"trace spacing unknown: give {options_that_place(section, '--')}"
+    if section.distance is not None and count > 1:
+        # There and back, where a line turns round.
+        length = float(np.abs(np.diff(section.distance)).sum())
+        place = f"length {length:.6g} m, trace spacing {length / (count - 1):.4g} m"
+    apart = "unknown" if section.separation is None else f"{section.separation:g} m"
+    lines = [
+        f"{section.title}: {count} traces x {samples} samples{several}",
+        f"time window {window * 1e9:.6g} ns, time zero {abs(zero):.6g} ns {side} its start",
+        place,
+        f"antenna {frequency_words(section.frequencies)}, separation {apart}",
+        f"{len(section.fixes)} positions of a satellite receiver, {len(section.marks)} marks",
+        *section.history,
+        *doubts_of_fixes(section),
+    ]
     if section.gather:
         lines.append("flgpr import gpr refuses it, for a run is a line of one offset")
     else:
@@ -191,39 +209,19 @@ def explain_gpr(path: Path, max_memory: int = MAX_MEMORY) -> tuple[str, list[str
     return section.format, lines
 
 
-def _size_lines(section: GprSection) -> list[str]:
-    """Return in lines how many traces there are, how long, and how far apart."""
-    count, channels, samples = section.traces.shape
-    interval = float(section.delay[1] - section.delay[0])
-    zero = -section.delay[0] * 1e9
-    side = "after" if zero >= 0 else "before"
-    several = f", {channels} channels" if channels > 1 else ""
-    lines = [
-        f"{section.title}: {count} traces x {samples} samples{several}",
-        f"time window {samples * interval * 1e9:.6g} ns, "
-        f"time zero {abs(zero):.6g} ns {side} its start",
-    ]
-    if section.distance is not None and count > 1:
-        # There and back, where a line turns round.
-        length = float(np.abs(np.diff(section.distance)).sum())
-        lines.append(f"length {length:.6g} m, trace spacing {length / (count - 1):.4g} m")
-    else:
-        lines.append(f"trace spacing unknown: give {options_that_place(section, '--')}")
-    return lines
-
-
-def _antenna_line(section: GprSection) -> str:
-    """Return in words what the antennas are."""
-    apart = "unknown" if section.separation is None else f"{section.separation:g} m"
-    return f"antenna {frequency_words(section.frequencies)}, separation {apart}"
-
-
 def frequency_words(frequencies: Sequence[float | None]) -> str:
     """Return nominal frequencies of antennas, Hz, in words."""
-    labels = []
-    for frequency in frequencies:
-        labels.append("unknown" if frequency is None else f"{frequency / 1e6:g} MHz")
-    return ", ".join(labels)
+    return ", ".join("unknown" if one is None else f"{one / 1e6:g} MHz" for one in frequencies)
+
+
+def recorded_band(delays: Sequence[FloatArray]) -> tuple[float, float]:
+    """Return the band, Hz, that records at all of these delays (sample,), s, hold.
+
+    It ends at what recorders' filters leave of the Nyquist frequency.
+    """
+    intervals = [float(delay[1] - delay[0]) for delay in delays]
+    shortest = min(interval * delay.size for interval, delay in zip(intervals, delays, strict=True))
+    return max(_LOWEST, 1 / shortest), _NYQUIST_SHARE * 0.5 / max(intervals)
 
 
 def _delay(stated: FloatArray, zero: float | None, window: float | None) -> FloatArray:
@@ -243,32 +241,11 @@ def _delay(stated: FloatArray, zero: float | None, window: float | None) -> Floa
     return np.arange(stated.size) * interval - first
 
 
-def _half_separation(
-    section: GprSection,
-    separation: float | None,
-    across: bool,
-    height: float,
-    notes: list[str],
-) -> FloatArray:
-    """Return half the offset (1, 3) from transmitter to receiver, m, in the vehicle frame."""
-    apart = section.separation if separation is None else separation
-    if apart is None:
-        apart = 0.0
-        notes.append("no antenna separation is told: transmitter and receiver are put at one place")
-    if not (0 <= apart <= 100 and math.isfinite(height) and height >= 0):
-        raise ValueError(
-            "separation and height must not be negative, the first at most 100 m, "
-            f"got {apart}, {height}"
-        )
-    half = apart / 2
-    return np.array([[half, 0.0, 0.0] if across else [0.0, half, 0.0]])
-
-
 def _band(
     band: tuple[float, float] | ReasonedBand | None,
     nominal: float | None,
     delay: FloatArray,
-    notes: list[str],
+    notes: Notes,
 ) -> tuple[float, float]:
     """Return the band to keep, Hz.
 
@@ -277,7 +254,7 @@ def _band(
     """
     interval = float(delay[1] - delay[0])
     nyquist = 0.5 / interval
-    lowest = max(_LOWEST, 1 / (interval * delay.size))
+    lowest, highest = recorded_band([delay])
     if nominal and nominal > nyquist:
         notes.append(
             f"an antenna of {nominal / 1e6:g} MHz does not fit samples {interval * 1e9:.4g} ns "
@@ -285,7 +262,7 @@ def _band(
             "are antenna and time window right?"
         )
     if band is None and nominal:
-        band = antennas_band([nominal], lowest, _NYQUIST_SHARE * nyquist)
+        band = antennas_band([nominal], lowest, highest)
     elif band is None:
         band = ReasonedBand(lowest, 0.5 * nyquist, "by the sampling")
     low, high = band[:2]
@@ -370,25 +347,157 @@ def _signal(
 
     A signal that is too large is refused before it is computed.
     """
-    tones = _spectra(section.traces[:1, channel], delay, band)[1]
+    samples = section.traces[:, channel]
+    tones = impulse_to_frequency(samples[:1], delay, band)[1]
     size = len(traces) * tones.size * 8
     if size > section.max_memory:
         raise ValueError(
             f"the run must fit into {section.max_memory / 1e9:.3g} GB, "
             f"it takes {size / 1e9:.3g} GB: narrow the band"
         )
-    return _spectra(section.traces[traces, channel], delay, band)
-
-
-def _spectra(
-    traces: NDArray[np.floating], delay: FloatArray, band: tuple[float, float]
-) -> tuple[ComplexArray, FloatArray]:
-    """Return the spectra (trace, frequency) of traces, and their tones, Hz.
-
-    They are transformed in blocks, for a transform of all at once takes many times their memory.
-    """
-    blocks = []
+    # In blocks, for a transform of all at once takes many times their memory.
+    signal = np.empty((len(traces), tones.size), np.complex64)
     for begin in range(0, len(traces), _BLOCK):
-        spectrum, tones = impulse_to_frequency(traces[begin : begin + _BLOCK], delay, band)
-        blocks.append(spectrum.astype(np.complex64))
-    return np.concatenate(blocks), tones
+        block = traces[begin : begin + _BLOCK]
+        signal[begin : begin + _BLOCK] = impulse_to_frequency(samples[block], delay, band)[0]
+    return signal, tones
+
+
+def channels_run(
+    section: GprSection, channel_x: Sequence[float] | None = None, **options: Any
+) -> xr.Dataset:
+    """Make one run of all channels of a line, a pair each, on the same tones.
+
+    Parameters
+    ----------
+    section : GprSection
+        The line, of :func:`flgpr.formats.read_gpr`.
+    channel_x : (channel,) sequence of float, optional
+        Where the antennas of each channel are across the line, m in the vehicle frame, in place of
+        what the header states. Where it states nothing all are put at x = 0, which
+        ``import_notes`` state.
+    **options
+        Those of :func:`flgpr.formats.gpr_run` but ``channel``. ``band`` is by default a quarter of
+        the lowest to twice the highest nominal frequency of the antennas, or all that is recorded
+        where one of these is unknown.
+
+    Returns
+    -------
+    xarray.Dataset
+        The run (:func:`flgpr.model.make_run`).
+
+    Raises
+    ------
+    ValueError
+        If the channels have different time windows, so that they have no common tones, if
+        ``channel_x`` is not a number per channel, or for what :func:`flgpr.formats.gpr_run`
+        refuses.
+    """
+    count = section.traces.shape[1]
+    replaced = []
+    if channel_x is not None:
+        offsets = [float(x) for x in channel_x]
+        if len(offsets) != count or not np.isfinite(offsets).all():
+            raise ValueError(
+                f"channel_x must give a finite x, m, for each of {count} channels, got {offsets}"
+            )
+        if section.offsets is not None:
+            stated = ", ".join(f"{x:g}" for x in section.offsets[:, 0])
+            replaced.append(f"channel-x is given in place of the file's, {stated} m")
+        section = replace(section, offsets=np.column_stack([offsets, np.zeros(count)]))
+    if options.get("band") is None:
+        options["band"] = common_band(section)
+    runs = [gpr_run(section, channel, **options) for channel in range(count)]
+    tones = runs[0]["frequency"].values
+    for channel, run in enumerate(runs):
+        if not np.array_equal(run["frequency"].values, tones):
+            raise ValueError(
+                f"{section.path}: channels of one run must have one time window, channel {channel} "
+                "has another than channel 0: import them apart, with `channel` 0 and "
+                f"{channel}"
+            )
+
+    # Every note once, but those of single channels: one of all channels stands for them.
+    notes = dict.fromkeys(note for run in runs for note in run.attrs["import_notes"])
+    kept = [note for note in notes if not (note.startswith("channel ") and " of " in note)]
+    kept += replaced
+    if count > 1:
+        antennas = frequency_words(section.frequencies)
+        kept.append(f"all {count} channels in one run, a pair each; antennas {antennas}")
+        if section.offsets is None:
+            kept.append(
+                f"{count} channels put at one place: "
+                "the file does not tell where their antennas are"
+            )
+
+    merged = xr.concat(
+        runs, dim="pair", data_vars="minimal", coords="minimal", compat="equals", join="exact"
+    )
+    return merged.assign_attrs(import_notes=kept)
+
+
+def preview_run(path: str | Path, max_memory: int = MAX_MEMORY) -> xr.Dataset:
+    """Return a recording as a run to be viewed, of all channels and all frequencies.
+
+    Where the header states no trace spacing, traces are put 1 m apart. Channels whose time window
+    is another one than the first's are left out.
+
+    Parameters
+    ----------
+    path : path
+        The recording.
+    max_memory : int
+        Bytes of memory to use.
+
+    Returns
+    -------
+    xarray.Dataset
+        The run; ``import_notes`` state what was assumed and left out.
+
+    Raises
+    ------
+    ValueError
+        If the recording cannot be read or makes no run.
+    """
+    section = read_gpr(path, max_memory)
+    band = ReasonedBand(*_widest_band(section), "all that is recorded")
+    options: Entries = {"band": band}
+    notes = []
+    if section.distance is None:
+        options["step"] = 1.0
+        notes.append("no trace spacing is known: traces are put 1 m apart")
+    try:
+        run = channels_run(section, **options)
+    except ValueError:
+        if section.traces.shape[1] == 1:
+            raise
+        run = gpr_run(section, 0, **options)
+        notes.append("channel 0 is shown alone: the others have another time window")
+    run.attrs["import_notes"] = [*run.attrs["import_notes"], *notes]
+    return run
+
+
+def common_band(section: GprSection) -> ReasonedBand:
+    """Return a band that holds those of all antennas of a line, else all that is recorded.
+
+    Parameters
+    ----------
+    section : GprSection
+        The line.
+
+    Returns
+    -------
+    ReasonedBand
+        The band, Hz, and why it is that.
+    """
+    known = [frequency for frequency in section.frequencies if frequency is not None]
+    lowest, highest = _widest_band(section)
+    if len(known) < section.traces.shape[1]:
+        reason = "all that is recorded: an antenna's frequency is unknown"
+        return ReasonedBand(lowest, highest, reason)
+    return antennas_band(known, lowest, highest)
+
+
+def _widest_band(section: GprSection) -> tuple[float, float]:
+    """Return the band, Hz, that the records and the sampling of all channels hold."""
+    return recorded_band([section.delay_of(channel) for channel in range(section.traces.shape[1])])

@@ -6,11 +6,11 @@ ImpulseRadar's layout follows MALÅ's: one reader takes both, by a table of what
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from flgpr.types import FloatArray
+from flgpr.types import Entries, Notes
 from flgpr_exchange.gpr.antennas import noted_frequency
 from flgpr_exchange.gpr.parts import (
     INTERVALS,
@@ -58,40 +58,49 @@ _IMPULSE = _Maker(
 )
 
 
-def read_mala(path: Path, limit: int) -> dict[str, Any]:
+def read_mala(path: Path, limit: int, notes: Notes) -> Entries:
     """Read an RD3 or RD7.
 
     Parameters, entries and errors are those of :func:`flgpr_exchange.gpr.dt1.read_dt1`.
     """
-    return _read(path, limit, _MALA, 32 if path.suffix.lower() == ".rd7" else 16)
+    return _read(path, limit, _MALA, 32 if path.suffix.lower() == ".rd7" else 16, notes)
 
 
-def read_impulse(path: Path, limit: int) -> dict[str, Any]:
+def read_impulse(path: Path, limit: int, notes: Notes) -> Entries:
     """Read an IPRB; parameters, entries and errors are those of :func:`read_mala`."""
-    return _read(path, limit, _IMPULSE, None)
+    return _read(path, limit, _IMPULSE, None, notes)
 
 
-def _read(path: Path, limit: int, maker: _Maker, bits: float | None) -> dict[str, Any]:
+def _read(path: Path, limit: int, maker: _Maker, bits: float | None, notes: Notes) -> Entries:
     """Read a recording of so many bits a sample; None takes what the header states."""
-    notes: list[str] = []
     head = read_header(path, maker.header, ":", notes)
     samples = int(head.needed("SAMPLES", 2, MOST_SAMPLES))
     fastest = _MICROSECOND / INTERVALS[0]
     interval = _MICROSECOND / head.needed("FREQUENCY", _MICROSECOND / INTERVALS[1], fastest)
-    record = np.dtype(("<i4" if (bits or _stated_bits(head, notes)) == 32 else "<i2", samples))
-    stated = head.number("LAST TRACE", 0, 1e9, False)
-    table = read_records(path, 0, record, stated, notes, limit)
-    many = int(head.number(maker.channels, 0, 4096, False) or 1)
+    if bits is None:
+        bits = head.number("DATA VERSION", 16, 32)
+        if bits is None:
+            notes.append("the header tells no DATA VERSION: samples are read as 16 bit")
+        elif bits not in (16, 32):
+            raise ValueError(f"{head.path.name}: DATA VERSION must be 16 or 32, got {bits:g}")
+    record = np.dtype(("<i4" if bits == 32 else "<i2", samples))
+    table = read_records(path, 0, record, head.number("LAST TRACE", 0, 1e9), notes, limit)
+    many = int(head.number(maker.channels, 0, 4096) or 1)
     traces = interleaved_channels(exact_floats(table, notes), many, maker.channels, notes)
     count = len(traces)
 
     name, step = _step(head, maker, notes)
-    zero = None
-    if maker is _IMPULSE:
-        zero = head.number("ZERO LEVEL", 0, samples, False)
+    zero = head.number("ZERO LEVEL", 0, samples) if maker is _IMPULSE else None
     if zero is None:
         notes.append(ZERO_ASSUMED)
-    time = _clock(head, count, notes) if maker is _MALA else None
+    time = None
+    seconds = head.number("TIME INTERVAL", 0, 1e6) if maker is _MALA else None
+    if seconds and head.text("TIME FLAG") == "1":
+        notes.append(
+            f"the traces' clock is that of a trace every {seconds:g} s, by TIME INTERVAL in the "
+            "header"
+        )
+        time = np.arange(count, dtype=np.float64) * seconds
     frequency = noted_frequency(head.text("ANTENNAS", "ANTENNA"), maker.name, notes)
     fixes = cor_fixes(find_cor(path, notes), count, notes)
     note_unread(path, maker.unread, notes)
@@ -100,30 +109,17 @@ def _read(path: Path, limit: int, maker: _Maker, bits: float | None) -> dict[str
         "delay": (np.arange(samples) - (zero or 0.0)) * interval,
         "distance": equal_steps(count, step, f"{name} in the header", notes),
         "time": time,
-        "fixes": fixes.table,
-        "fix_time": fixes.time,
+        "fixes": fixes,
         "frequencies": (frequency,) * traces.shape[1],
-        "separation": head.number("ANTENNA SEPARATION", 0, 1e3, False),
+        "separation": head.number("ANTENNA SEPARATION", 0, 1e3),
         "offsets": channel_offsets(head, traces.shape[1], notes),
-        "title": head.text("SITE") or path.stem,
-        "history": tuple(notes),
+        "title": head.text("SITE"),
     }
 
 
-def _stated_bits(head: Header, notes: list[str]) -> float:
-    """Return the bits of a sample by ImpulseRadar's header."""
-    bits = head.number("DATA VERSION", 16, 32, False)
-    if bits is None:
-        notes.append("the header tells no DATA VERSION: samples are read as 16 bit")
-        return 16
-    if bits not in (16, 32):
-        raise ValueError(f"{head.path.name}: DATA VERSION must be 16 or 32, got {bits:g}")
-    return bits
-
-
-def _step(head: Header, maker: _Maker, notes: list[str]) -> tuple[str, float | None]:
+def _step(head: Header, maker: _Maker, notes: Notes) -> tuple[str, float | None]:
     """Return the entry of the trace spacing, and that, m; None where no wheel was used."""
-    steps = {name: head.number(name, -1e4, 1e4, False) for name in maker.steps}
+    steps = {name: head.number(name, -1e4, 1e4) for name in maker.steps}
     name = next((name for name, step in steps.items() if step), maker.steps[-1])
     step = steps[name]
     entry, beginning = maker.no_wheel
@@ -131,14 +127,3 @@ def _step(head: Header, maker: _Maker, notes: list[str]) -> tuple[str, float | N
         notes.append(f"{entry} is {beginning}: no wheel was used, and {name} ({step:g} m) is not")
         return name, None
     return name, step
-
-
-def _clock(head: Header, count: int, notes: list[str]) -> FloatArray | None:
-    """Return the traces' clock (trace,), s, by MALÅ's header; None where it states none."""
-    seconds = head.number("TIME INTERVAL", 0, 1e6, False)
-    if not seconds or head.text("TIME FLAG") != "1":
-        return None
-    notes.append(
-        f"the traces' clock is that of a trace every {seconds:g} s, by TIME INTERVAL in the header"
-    )
-    return np.arange(count, dtype=np.float64) * seconds

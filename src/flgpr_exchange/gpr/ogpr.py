@@ -13,6 +13,7 @@ recorder's file). Other blocks are noted and not read.
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 
 from flgpr.door import open_named
 from flgpr.json_text import parse_json
-from flgpr.types import FloatArray, IndexArray
+from flgpr.types import Entries, FloatArray, IndexArray, Notes
 from flgpr_exchange.gpr.parts import (
     INTERVALS,
     MOST_SAMPLES,
@@ -29,9 +30,10 @@ from flgpr_exchange.gpr.parts import (
     between_neighbours,
     exact_floats,
     first_bytes,
+    note_count,
     way_along,
 )
-from flgpr_exchange.gpr.positions import NO_FIXES
+from flgpr_exchange.gpr.positions import Fixes
 
 _Shape = tuple[int, int, int]
 """Slices, channels and samples of a volume."""
@@ -55,7 +57,7 @@ class _PointLayout(NamedTuple):
     columns: list[int]  # of easting, northing and elevation, in numbers of 8 bytes
 
 
-def read_ogpr(path: Path, limit: int) -> dict[str, Any]:
+def read_ogpr(path: Path, limit: int, notes: Notes) -> Entries:
     """Read an OpenGPR file.
 
     Parameters, entries and errors are those of :func:`flgpr_exchange.gpr.dt1.read_dt1`.
@@ -67,13 +69,26 @@ def read_ogpr(path: Path, limit: int) -> dict[str, Any]:
     slices = _number(main, "slicesCount", 1, 2**31, int)
     shape = (slices, channels, samples)
 
-    blocks, repeated = _blocks_of(descriptor)
+    blocks: dict[str, Entries] = {}
+    repeated: list[str] = []
+    for block in descriptor.get("dataBlockDescriptors") or []:
+        if isinstance(block, dict):
+            kind = str(block.get("type"))
+            if kind in blocks:
+                repeated.append(kind)
+            blocks.setdefault(kind, block)
     if _VOLUME not in blocks:
         raise ValueError(
             f"its descriptor must name a block {_VOLUME}, got {', '.join(blocks) or 'none'}"
         )
-    notes: list[str] = []
-    _note_version(descriptor, notes)
+    version = descriptor.get("version")
+    major = version.get("major") if isinstance(version, dict) else version
+    if version is not None and major not in _VERSIONS:
+        stated = version if major is None else major
+        notes.append(
+            f"its version is {str(stated)[:40]!r}, which is not known: "
+            f"it is read as version {_VERSIONS[-1]}"
+        )
     volume = blocks[_VOLUME]
     traces = _radar_volume(path, volume, shape, limit, notes)
 
@@ -81,12 +96,15 @@ def read_ogpr(path: Path, limit: int) -> dict[str, Any]:
     shortest, longest = (edge / NANOSECOND for edge in INTERVALS)
     interval = _number(radar, "samplingTime_ns", shortest, longest) * NANOSECOND
     step = _number(radar, "samplingStep_m", 0.0, 1e3)
-    frequency = _frequency_of(radar)
     notes.append("the descriptor tells no time zero: it is put at the first sample")
 
     positions, fixes = _geolocations(path, blocks.get(_GEOLOCATIONS), shape, notes)
-    _note_unread_blocks(blocks, repeated, notes)
-    _note_unused_entries(radar, frequency, notes)
+    unknown_blocks = sorted(set(blocks) - {_VOLUME, _GEOLOCATIONS})
+    if unknown_blocks:
+        notes.append(f"blocks found and not understood: {', '.join(unknown_blocks)}")
+    kinds = ", ".join(sorted(set(repeated)))
+    note_count(notes, len(repeated), f"further blocks of {kinds} not read")
+    frequency = _frequency_of(radar, notes)
 
     distance: FloatArray | None = None
     if positions is not None:
@@ -103,62 +121,21 @@ def read_ogpr(path: Path, limit: int) -> dict[str, Any]:
         "distance": distance,
         "fixes": fixes,
         "frequencies": (frequency,) * channels,
-        "title": str(name) if name else path.stem,
-        "history": tuple(notes),
+        "title": str(name) if name else "",
     }
 
 
-def _blocks_of(descriptor: dict[str, Any]) -> tuple[dict[str, dict[str, Any]], list[str]]:
-    """Return the first block of each type, and the types of those that repeat one."""
-    blocks: dict[str, dict[str, Any]] = {}
-    repeated: list[str] = []
-    for block in descriptor.get("dataBlockDescriptors") or []:
-        if not isinstance(block, dict):
-            continue
-        kind = str(block.get("type"))
-        if kind in blocks:
-            repeated.append(kind)
-        else:
-            blocks[kind] = block
-    return blocks, repeated
+def _frequency_of(radar: Entries, notes: Notes) -> float | None:
+    """Return the antenna's nominal frequency, Hz, if it is stated; note entries that are not used.
 
-
-def _note_unread_blocks(
-    blocks: dict[str, dict[str, Any]], repeated: list[str], notes: list[str]
-) -> None:
-    """Add notes of blocks of other kinds, and of further ones of a kind."""
-    unknown_blocks = sorted(set(blocks) - {_VOLUME, _GEOLOCATIONS})
-    if unknown_blocks:
-        notes.append(f"blocks found and not understood: {', '.join(unknown_blocks)}")
-    if repeated:
-        kinds = ", ".join(sorted(set(repeated)))
-        notes.append(f"{len(repeated)} further blocks of {kinds} not read")
-
-
-def _note_version(descriptor: dict[str, Any], notes: list[str]) -> None:
-    """Add a note if the file declares a version that is not known."""
-    version = descriptor.get("version")
-    major = version.get("major") if isinstance(version, dict) else version
-    if version is not None and major not in _VERSIONS:
-        stated = version if major is None else major
-        notes.append(
-            f"its version is {str(stated)[:40]!r}, which is not known: "
-            f"it is read as version {_VERSIONS[-1]}"
-        )
-
-
-def _frequency_of(radar: dict[str, Any]) -> float | None:
-    """Return the antenna's nominal frequency, Hz; None if it is not stated."""
+    ``radar`` is the descriptor of the volume.
+    """
     # The second name is how recorders spell it.
     megahertz = radar.get("frequency_MHz", radar.get("fequency_MHz"))
+    frequency = None
     if isinstance(megahertz, int | float) and 1 <= megahertz <= 1e5:
-        return float(megahertz) * 1e6
-    return None
-
-
-def _note_unused_entries(radar: dict[str, Any], frequency: float | None, notes: list[str]) -> None:
-    """Add notes of a missing frequency, and of entries of the descriptor that are not used."""
-    if frequency is None:
+        frequency = float(megahertz) * 1e6
+    else:
         notes.append("the descriptor tells no frequency of the antenna: it is unknown")
     polarization = radar.get("polarization")
     if polarization is not None:
@@ -166,9 +143,10 @@ def _note_unused_entries(radar: dict[str, Any], frequency: float | None, notes: 
     speed = radar.get("propagationVelocity_mPerSec")
     if isinstance(speed, int | float):
         notes.append(f"the propagation velocity {speed:g} m/s of the descriptor is not used")
+    return frequency
 
 
-def _descriptor_of(path: Path) -> dict[str, Any]:
+def _descriptor_of(path: Path) -> Entries:
     """Return the descriptor, JSON, behind the preamble."""
     raw = first_bytes(path, _PREAMBLE + _LARGEST_DESCRIPTOR)
     if not raw.startswith(b"ogpr\n"):
@@ -191,7 +169,7 @@ def _descriptor_of(path: Path) -> dict[str, Any]:
     return descriptor
 
 
-def _table(entries: dict[str, Any], name: str) -> dict[str, Any]:
+def _table(entries: Entries, name: str) -> Entries:
     """Return an entry that must be an object."""
     table = entries.get(name)
     if not isinstance(table, dict):
@@ -199,7 +177,7 @@ def _table(entries: dict[str, Any], name: str) -> dict[str, Any]:
     return table
 
 
-def _number(entries: dict[str, Any], name: str, low: float, high: float, kind: type = float) -> Any:
+def _number(entries: Entries, name: str, low: float, high: float, kind: type = float) -> Any:
     """Return an entry that must be a number of a kind, int or float, within bounds."""
     value: Any = entries.get(name)
     is_number = isinstance(value, int | kind) and not isinstance(value, bool)
@@ -210,7 +188,7 @@ def _number(entries: dict[str, Any], name: str, low: float, high: float, kind: t
     return kind(value)
 
 
-def _block(path: Path, block: dict[str, Any]) -> tuple[int, int]:
+def _block(path: Path, block: Entries) -> tuple[int, int]:
     """Return where a block begins and how many bytes it has; it must lie in the file."""
     size = path.stat().st_size
     offset = _number(block, "byteOffset", 0, 2**62, int)
@@ -224,11 +202,11 @@ def _block(path: Path, block: dict[str, Any]) -> tuple[int, int]:
 
 
 def _radar_volume(
-    path: Path, block: dict[str, Any], shape: _Shape, limit: int, notes: list[str]
+    path: Path, block: Entries, shape: _Shape, limit: int, notes: Notes
 ) -> NDArray[np.floating[Any]]:
     """Read the traces (slice, channel, sample)."""
     offset, length = _block(path, block)
-    count = int(np.prod([float(size) for size in shape]))
+    count = math.prod(shape)
     width, rest = divmod(length, count)
     if rest or width not in _TYPES:
         raise ValueError(
@@ -241,28 +219,24 @@ def _radar_volume(
             f"it must fit into {limit / 1e9:.3g} GB, its traces take {needed / 1e9:.3g} GB"
         )
     stated = str(block.get("valueType", "")).lower()
-    are_floats = width == 4
-    if stated and stated.startswith("float") != are_floats:
+    if stated and stated.startswith("float") != (width == 4):
         notes.append(
             f"valueType {stated!r} does not fit samples of {width} bytes: "
             f"they are read as {_TYPES[width]}"
         )
-    with open_named(path) as file:
-        file.seek(offset)
-        content = file.read(length)
-    values = np.frombuffer(content, dtype=_TYPES[width])
+    values = np.frombuffer(first_bytes(path, length, offset), dtype=_TYPES[width])
     return exact_floats(values.reshape(shape), notes)
 
 
 def _geolocations(
-    path: Path, block: dict[str, Any] | None, shape: _Shape, notes: list[str]
-) -> tuple[FloatArray | None, FloatArray]:
-    """Return the positions (trace, 3) of the first channel, m, and its fixes (fix, 4).
+    path: Path, block: Entries | None, shape: _Shape, notes: Notes
+) -> tuple[FloatArray | None, Fixes]:
+    """Return the positions (trace, 3) of the first channel, m, and its fixes.
 
     There are no fixes if the reference system is not known.
     """
     if block is None:
-        return None, NO_FIXES
+        return None, Fixes()
     offset, length = _block(path, block)
     slices, channels, _ = shape
     layout = _point_layout(length, shape)
@@ -270,30 +244,32 @@ def _geolocations(
         notes.append(
             f"{_GEOLOCATIONS} of {length} bytes found, not understood: positions are not read"
         )
-        return None, NO_FIXES
+        return None, Fixes()
 
-    positions = _first_points(path, offset, length // slices, slices, layout)
-    magnitudes = np.abs(np.where(np.isfinite(positions), positions, np.inf))
-    usable = np.asarray((magnitudes <= _FARTHEST).all(axis=1))
-    known = np.flatnonzero(usable)
-    unusable = slices - known.size
-    if known.size < 2 or not np.ptp(positions[usable, :2], axis=0).any():
+    # The first position of every slice: its first channel's first sample's.
+    numbers = np.empty((slices, layout.columns[-1] + 1))
+    with open_named(path) as file:
+        for number in range(slices):
+            file.seek(offset + number * (length // slices) + layout.start)
+            numbers[number] = np.frombuffer(file.read(8 * numbers.shape[1]), "<f8")
+    positions = numbers[:, layout.columns]
+    usable = np.asarray((np.abs(positions) <= _FARTHEST).all(axis=1))
+    unusable = np.count_nonzero(~usable)
+    if slices - unusable < 2 or not np.ptp(positions[usable, :2], axis=0).any():
         notes.append(
             f"{unusable} of {slices} {_GEOLOCATIONS} are no places, and the others are too few or "
             "all at one place: positions are not read"
         )
-        return None, NO_FIXES
-    if unusable:
-        notes.append(
-            f"{unusable} of {slices} {_GEOLOCATIONS} are no places: put between their neighbours"
-        )
+        return None, Fixes()
+    text = f"of {slices} {_GEOLOCATIONS} are no places: put between their neighbours"
+    if note_count(notes, unusable, text):
         positions = between_neighbours(positions, usable)
     if channels > 1 and length > _POINT * slices:
         notes.append(
             f"{_GEOLOCATIONS} of {channels - 1} further channels are not used: "
             "channel_x places them"
         )
-    return positions, _fixes(positions, known, block, notes)
+    return positions, _fixes(positions, np.flatnonzero(usable), block, notes)
 
 
 def _point_layout(length: int, shape: _Shape) -> _PointLayout | None:
@@ -307,24 +283,8 @@ def _point_layout(length: int, shape: _Shape) -> _PointLayout | None:
     return None
 
 
-def _first_points(
-    path: Path, offset: int, stride: int, slices: int, layout: _PointLayout
-) -> FloatArray:
-    """Read the first position of every slice (slice, 3): its first channel's first sample's."""
-    width = 8 * (layout.columns[-1] + 1)
-    raw = bytearray()
-    with open_named(path) as file:
-        for number in range(slices):
-            file.seek(offset + number * stride + layout.start)
-            raw += file.read(width)
-    numbers = np.frombuffer(bytes(raw), dtype="<f8").reshape(slices, -1)
-    return numbers[:, layout.columns].astype(np.float64)
-
-
-def _fixes(
-    positions: FloatArray, known: IndexArray, block: dict[str, Any], notes: list[str]
-) -> FloatArray:
-    """Return the fixes (fix, 4) of the traces whose positions (trace, 3) are ``known``.
+def _fixes(positions: FloatArray, known: IndexArray, block: Entries, notes: Notes) -> Fixes:
+    """Return the fixes of the traces whose positions (trace, 3) are ``known``.
 
     There are none if their reference system is not known.
     """
@@ -332,7 +292,7 @@ def _fixes(
     code = system.get("value") if isinstance(system, dict) else None
     if not isinstance(code, int):
         notes.append(f"{_GEOLOCATIONS} name no reference system: they give the distance alone")
-        return NO_FIXES
+        return Fixes()
     from flgpr.geo.geodesy import lonlat_of  # geodesy takes its time to load, and few lines need it
 
     try:
@@ -342,6 +302,6 @@ def _fixes(
             f"{_GEOLOCATIONS} in EPSG:{code} are no places there, and give the distance alone: "
             f"{error}"
         )
-        return NO_FIXES
+        return Fixes()
     notes.append(f"heights are taken as ellipsoidal: EPSG:{code} does not tell")
-    return np.column_stack([known.astype(np.float64), lonlat, positions[known, 2]])
+    return Fixes(np.column_stack([known.astype(np.float64), lonlat, positions[known, 2]]))

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from flgpr.door import Folder, open_named, refuse_linked_companion
 from flgpr.store.text import decode_text
-from flgpr.types import AnyArray, BoolArray, FloatArray, floats
+from flgpr.types import AnyArray, ArrayLike, BoolArray, Entries, FloatArray, Notes, floats
 
 NANOSECOND = 1e-9
 FOOT = 0.3048
@@ -72,7 +73,7 @@ class Header:
     path: Path
     values: dict[str, str]
 
-    def number(self, name: str, low: float, high: float, needed: bool = True) -> float | None:
+    def number(self, name: str, low: float, high: float) -> float | None:
         """Return the number of an entry.
 
         Parameters
@@ -81,23 +82,19 @@ class Header:
             The entry.
         low, high : float
             Its bounds.
-        needed : bool
-            Whether it must be there.
 
         Returns
         -------
         float or None
-            The number; None where the entry is absent and not needed.
+            The number; None where the entry is absent.
 
         Raises
         ------
         ValueError
-            If it is missing and needed, or out of bounds.
+            If it is out of bounds.
         """
         cells = self.values.get(name, "").split()
         if not cells:
-            if needed:
-                raise ValueError(f"{self.path.name} must hold {name}, which it does not")
             return None
         try:
             value = float(cells[0].replace(",", "."))
@@ -112,25 +109,27 @@ class Header:
 
     def needed(self, name: str, low: float, high: float) -> float:
         """Return the number of an entry that must be there."""
-        return float(self.number(name, low, high) or 0.0)
+        value = self.number(name, low, high)
+        if value is None:
+            raise ValueError(f"{self.path.name} must hold {name}, which it does not")
+        return value
 
     def text(self, *names: str) -> str:
         """Return the first of these entries that is not empty, else an empty text."""
-        for name in names:
-            if self.values.get(name):
-                return self.values[name]
-        return ""
+        return next((self.values[name] for name in names if self.values.get(name)), "")
 
 
-def words_type(words: Mapping[str, tuple[Any, int]], size: int) -> np.dtype[Any]:
+def words_type(words: Mapping[str, tuple[Any, int]], size: int, order: str) -> np.dtype[Any]:
     """Return the type of a binary header, by a table of its words.
 
     Parameters
     ----------
-    words : mapping of str to (dtype, int)
-        Type and first byte of each word, by its name.
+    words : mapping of str to (type, int)
+        Type, without its byte order, and first byte of each word, by its name.
     size : int
         Bytes of the header.
+    order : str
+        Byte order, "<" or ">".
 
     Returns
     -------
@@ -139,14 +138,43 @@ def words_type(words: Mapping[str, tuple[Any, int]], size: int) -> np.dtype[Any]
     """
     fields: Any = {
         "names": list(words),
-        "formats": [kind for kind, _ in words.values()],
+        "formats": [order + kind for kind, _ in words.values()],
         "offsets": [offset for _, offset in words.values()],
         "itemsize": size,
     }
     return np.dtype(fields)
 
 
-def first_bytes(path: Path, size: int, start: int = 0) -> bytes:
+def header_words(raw: bytes, words: Mapping[str, tuple[str, int]], order: str) -> Entries:
+    """Return the words of a binary header by their names, see :func:`words_type`."""
+    (values,) = np.frombuffer(raw, words_type(words, len(raw), order)).tolist()
+    return dict(zip(words, values, strict=True))
+
+
+def note_count(notes: Notes, found: ArrayLike, text: str) -> int:
+    """Add a note that begins with a count, unless that is zero.
+
+    Parameters
+    ----------
+    notes : list of str
+        Takes the note.
+    found : array_like of bool, or int
+        What is counted, or the count.
+    text : str
+        What follows the count.
+
+    Returns
+    -------
+    int
+        The count.
+    """
+    count = int(np.sum(found))
+    if count:
+        notes.append(f"{count} {text}")
+    return count
+
+
+def first_bytes(path: Path, size: int, start: int = 0, header: str = "", least: int = 0) -> bytes:
     """Return up to so many bytes of a recording from ``start`` on.
 
     Parameters
@@ -157,15 +185,27 @@ def first_bytes(path: Path, size: int, start: int = 0) -> bytes:
         Most bytes.
     start : int
         First byte.
+    header : str
+        What they are, for the error.
+    least : int
+        Fewest bytes.
 
     Returns
     -------
     bytes
         Fewer than ``size`` where the file ends.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than ``least``.
     """
     with open_named(path) as file:
         file.seek(start)
-        return file.read(size)
+        raw = file.read(size)
+    if len(raw) < least:
+        raise ValueError(f"{header} must have {least} bytes, the file has {len(raw)}")
+    return raw
 
 
 def find_companion(path: Path, suffix: str) -> Path | None:
@@ -196,7 +236,7 @@ def find_companion(path: Path, suffix: str) -> Path | None:
     return None
 
 
-def read_header(path: Path, suffix: str, mark: str, notes: list[str]) -> Header:
+def read_header(path: Path, suffix: str, mark: str, notes: Notes) -> Header:
     """Read the text header beside a recording.
 
     Parameters
@@ -233,7 +273,7 @@ def read_header(path: Path, suffix: str, mark: str, notes: list[str]) -> Header:
     return Header(companion, values)
 
 
-def read_companion(path: Path, notes: list[str]) -> str:
+def read_companion(path: Path, notes: Notes) -> str:
     """Read a text file that lies beside a recording, in an encoding of :mod:`flgpr.store.text`.
 
     Parameters
@@ -273,71 +313,7 @@ def length_unit(text: str) -> float | None:
         Metres; None if the unit is not known.
     """
     word = text.strip().lower().removesuffix("(s)").rstrip(".")
-    if word in _LENGTHS:
-        return _LENGTHS[word]
-    return _LENGTHS.get(word.rstrip("s"))
-
-
-def count_records(
-    path: Path,
-    start: int,
-    size: int,
-    stated: float | None,
-    notes: list[str],
-    limit: int,
-    growth: float,
-    end: int = 0,
-) -> int:
-    """Count the traces that the size of a file allows, before anything is read.
-
-    Parameters
-    ----------
-    path : Path
-        The recording.
-    start, end : int
-        Bytes before the first trace, and behind the last.
-    size : int
-        Bytes of a trace.
-    stated : float or None
-        Traces by the header; others than there are get a note.
-    notes : list of str
-        Notes are added to it.
-    limit : int
-        Bytes that all traces may take in memory.
-    growth : float
-        How many times as much they take in memory as in the file.
-
-    Returns
-    -------
-    int
-        Number of traces.
-
-    Raises
-    ------
-    ValueError
-        If there is no trace, or they take too much memory.
-    """
-    available = path.stat().st_size - start - end
-    count, rest = divmod(max(available, 0), size)
-    if count < 1:
-        raise ValueError(
-            f"it must hold at least one trace of {size} bytes after {start}, "
-            f"the file has {available + start}"
-        )
-    needed = count * size * growth
-    if needed > limit:
-        raise ValueError(
-            f"it must fit into {limit / 1e9:.3g} GB, its traces take {needed / 1e9:.3g} GB"
-        )
-    if rest:
-        notes.append(f"the last trace is cut off and left out ({rest} of {size} bytes)")
-    if stated is not None and count < stated - 1:  # headers count from 0 or from 1
-        notes.append(f"truncated: the header tells {stated:g} traces, the file holds {count}")
-    if stated is not None and count > stated + 1:
-        notes.append(
-            f"the header tells {stated:g} traces, the file holds {count}, all of which are read"
-        )
-    return count
+    return _LENGTHS.get(word) or _LENGTHS.get(word.rstrip("s"))
 
 
 def read_records(
@@ -345,11 +321,11 @@ def read_records(
     start: int,
     kind: np.dtype[Any],
     stated: float | None,
-    notes: list[str],
+    notes: Notes,
     limit: int,
     end: int = 0,
 ) -> AnyArray:
-    """Read records of one length.
+    """Read records of one length, after they were counted by the size of the file.
 
     Parameters
     ----------
@@ -360,7 +336,7 @@ def read_records(
     kind : dtype
         Type of a record: samples, or fields with one called "samples".
     stated : float or None
-        Traces by the header.
+        Traces by the header; others than there are get a note.
     notes : list of str
         Notes are added to it.
     limit : int
@@ -369,15 +345,39 @@ def read_records(
     Returns
     -------
     (trace,) ndarray
-        The records; see :func:`count_records` for what is refused.
+        The records.
+
+    Raises
+    ------
+    ValueError
+        If there is no trace, or they take too much memory.
     """
     samples = kind if kind.fields is None else kind["samples"]
-    growth = 4 if samples.base.itemsize == 1 else 2
-    count = count_records(path, start, kind.itemsize, stated, notes, limit, growth, end)
+    growth = 4 if samples.base.itemsize == 1 else 2  # of counts that become floating point
+    available = path.stat().st_size - start - end
+    count, rest = divmod(max(available, 0), kind.itemsize)
+    if count < 1:
+        raise ValueError(
+            f"it must hold at least one trace of {kind.itemsize} bytes after {start}, "
+            f"the file has {available + start}"
+        )
+    needed = count * kind.itemsize * growth
+    if needed > limit:
+        raise ValueError(
+            f"it must fit into {limit / 1e9:.3g} GB, its traces take {needed / 1e9:.3g} GB"
+        )
+    if rest:
+        notes.append(f"the last trace is cut off and left out ({rest} of {kind.itemsize} bytes)")
+    if stated is not None and count < stated - 1:  # headers count from 0 or from 1
+        notes.append(f"truncated: the header tells {stated:g} traces, the file holds {count}")
+    if stated is not None and count > stated + 1:
+        notes.append(
+            f"the header tells {stated:g} traces, the file holds {count}, all of which are read"
+        )
     return np.fromfile(path, dtype=kind, count=count, offset=start)
 
 
-def exact_floats(samples: AnyArray, notes: list[str]) -> NDArray[np.floating[Any]]:
+def exact_floats(samples: AnyArray, notes: Notes) -> NDArray[np.floating[Any]]:
     """Return samples as floating point in which every count is exact.
 
     Parameters
@@ -408,9 +408,8 @@ def exact_floats(samples: AnyArray, notes: list[str]) -> NDArray[np.floating[Any
         raise ValueError(
             f"samples must be below 1e30 in magnitude, got {size:g}: is the byte order wrong?"
         )
-    missing = np.count_nonzero(~finite.reshape(len(real), -1).all(axis=1))
-    if missing:
-        notes.append(f"{missing} of {len(real)} traces hold samples that are no numbers")
+    missing = ~finite.reshape(len(real), -1).all(axis=1)
+    note_count(notes, missing, f"of {len(real)} traces hold samples that are no numbers")
     return real
 
 
@@ -420,7 +419,7 @@ def float64(values: AnyArray) -> FloatArray:
         return values.astype(np.float64)
 
 
-def equal_steps(count: int, step: float | None, where: str, notes: list[str]) -> FloatArray | None:
+def equal_steps(count: int, step: float | None, where: str, notes: Notes) -> FloatArray | None:
     """Return distances (trace,) in equal steps, m, as a header states them; None without any.
 
     Parameters
@@ -447,7 +446,7 @@ def equal_steps(count: int, step: float | None, where: str, notes: list[str]) ->
 
 
 def measured_distance(
-    distance: FloatArray, step: float | None, where: str, nominal: str, notes: list[str]
+    distance: FloatArray, step: float | None, where: str, nominal: str, notes: Notes
 ) -> FloatArray | None:
     """Return the traces' distances along the line as they were measured.
 
@@ -475,22 +474,35 @@ def measured_distance(
     usable = np.isfinite(distance) & (np.abs(np.nan_to_num(distance)) < FARTHEST)
     unusable = np.count_nonzero(~usable)
     if count < 2 or count - unusable < 2 or np.ptp(distance[usable]) == 0:
-        if count > 1 and unusable:
-            notes.append(f"{unusable} of {count} {where} are no places and are not used")
+        if count > 1:
+            note_count(notes, unusable, f"of {count} {where} are no places and are not used")
         return equal_steps(count, step, nominal, notes)
     filled = between_neighbours(distance[:, None], usable)[:, 0]
-    if unusable:
-        notes.append(f"{unusable} of {count} {where} are no numbers: put between their neighbours")
+    note_count(notes, unusable, f"of {count} {where} are no numbers: put between their neighbours")
     steps = np.diff(filled)
     if (steps <= 0).all():
         notes.append(f"{where} fall from trace to trace: places are counted from the first one on")
         filled = filled[0] - filled
         steps = -steps
-    _note_motion(steps, where, notes)
+    unmoved = np.count_nonzero(steps == 0)
+    back = np.count_nonzero(steps < 0)
+    if unmoved or back:
+        notes.append(
+            f"by {where} {unmoved} traces stand where the one before was and {back} lie behind it: "
+            "they are kept as measured"
+        )
+    size = np.abs(steps)
+    usual = float(np.median(size[size > 0]))
+    jumps = np.count_nonzero(size > max(_USUAL_JUMP * usual, _LEAST_JUMP))
+    if jumps:
+        notes.append(
+            f"{where} jump {jumps} times, by up to {size.max():.6g} m (usually {usual:.3g} m): "
+            "kept as measured"
+        )
     return floats(filled)
 
 
-def way_along(positions: FloatArray, what: str, notes: list[str]) -> FloatArray | None:
+def way_along(positions: FloatArray, what: str, notes: Notes) -> FloatArray | None:
     """Return the distance (trace,) along positions (trace, 2 or 3), m, by x and y.
 
     Parameters
@@ -533,31 +545,7 @@ def between_neighbours(values: FloatArray, usable: BoolArray) -> FloatArray:
     return np.stack(columns, axis=1)
 
 
-def _note_motion(steps: FloatArray, where: str, notes: list[str]) -> None:
-    """Add notes of traces that do not move, go back or jump; they stay as they are."""
-    unmoved = np.count_nonzero(steps == 0)
-    back = np.count_nonzero(steps < 0)
-    if unmoved or back:
-        notes.append(
-            f"by {where} {unmoved} traces stand where the one before was and {back} lie behind it: "
-            "they are kept as measured"
-        )
-    size = np.abs(steps)
-    usual = float(np.median(size[size > 0]))
-    jumps = np.count_nonzero(size > max(_USUAL_JUMP * usual, _LEAST_JUMP))
-    if jumps:
-        notes.append(
-            f"{where} jump {jumps} times, by up to {size.max():.6g} m (usually {usual:.3g} m): "
-            "kept as measured"
-        )
-
-
-def gather_note(gather: str) -> str:
-    """Return the note of a survey whose antennas move apart."""
-    return f"its antennas move apart ({gather}): it is no line of one offset"
-
-
-def gather_of_separations(apart: FloatArray, unit: str, notes: list[str]) -> str:
+def gather_of_separations(apart: FloatArray, unit: str, notes: Notes) -> str:
     """Return what to call a survey by the separations of its antennas.
 
     Antennas that only move apart, or only together, make a gather. Separations that change
@@ -590,7 +578,7 @@ def gather_of_separations(apart: FloatArray, unit: str, notes: list[str]) -> str
     return ""
 
 
-def measured_clock(time: FloatArray, notes: list[str]) -> FloatArray | None:
+def measured_clock(time: FloatArray, notes: Notes) -> FloatArray | None:
     """Return the traces' clock, if it never goes back; over midnight it goes on.
 
     Parameters
@@ -632,7 +620,7 @@ def measured_clock(time: FloatArray, notes: list[str]) -> FloatArray | None:
     return floats(rising)
 
 
-def interleaved_channels(traces: AnyArray, stated: int, entry: str, notes: list[str]) -> AnyArray:
+def interleaved_channels(traces: AnyArray, stated: int, entry: str, notes: Notes) -> AnyArray:
     """Return traces (scan, channel, sample) of a file whose header states several channels.
 
     Some recorders write the channels of a place one after the other, others a file for each. The
@@ -662,8 +650,7 @@ def interleaved_channels(traces: AnyArray, stated: int, entry: str, notes: list[
     """
     if stated < 2 or len(traces) < 2:
         return traces[:, None]
-    lie_apart = len(traces) <= stated or not _change_by_channel(traces, stated)
-    if lie_apart:
+    if len(traces) <= stated or not _change_by_channel(traces, stated):
         notes.append(
             f"{entry} tells {stated} channels; the traces are those of one, as recorders write "
             "that have a file for each"
@@ -690,7 +677,7 @@ def _change_by_channel(traces: AnyArray, channels: int) -> bool:
     return not (is_smooth and is_alike)
 
 
-def channel_offsets(head: Header, channels: int, notes: list[str]) -> FloatArray | None:
+def channel_offsets(head: Header, channels: int, notes: Notes) -> FloatArray | None:
     """Return where the antennas of each channel are (channel, 2), m across and along.
 
     Parameters
@@ -746,12 +733,9 @@ def numbers_in(text: bytes, widths: list[int]) -> list[float]:
         A number per field; NaN for what is none.
     """
     numbers = []
-    begin = 0
-    for width in widths:
-        cell = text[begin : begin + width].split(b"\0")[0]
-        begin += width
+    for end, width in zip(accumulate(widths), widths, strict=True):
         try:
-            numbers.append(float(cell))
+            numbers.append(float(text[end - width : end].split(b"\0")[0]))
         except ValueError:
             numbers.append(np.nan)
     return numbers

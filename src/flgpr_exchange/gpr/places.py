@@ -13,7 +13,8 @@ from flgpr.model.bounds import LARGEST
 from flgpr.model.motion import Motion, judge_poses, some_steps
 from flgpr.model.plausible import MotionLimits
 from flgpr.model.track import course, make_track, poses_at
-from flgpr.types import BoolArray, FloatArray, IntArray
+from flgpr.types import BoolArray, FloatArray, IntArray, Notes
+from flgpr_exchange.gpr.parts import note_count
 
 _MOST_HEADINGS = 4000  # fixes of a course, whose computation takes the square of their number
 _LISTED = 3  # fixes that are named
@@ -29,7 +30,7 @@ def trace_poses(
     height: float,
     anchor: Anchor | None,
     topography: bool,
-    notes: list[str],
+    notes: Notes,
 ) -> tuple[IntArray, FloatArray]:
     """Return the traces that have a pose, and their poses.
 
@@ -77,11 +78,8 @@ def trace_poses(
             f"{options_that_place(section)}"
         )
     notes.append("the line is put along +y of the lane, at x = 0")
-    if len(section.fixes):
-        notes.append(
-            f"{len(section.fixes)} positions of the satellite receiver are not used: "
-            "they need an anchor"
-        )
+    not_used = "positions of the satellite receiver are not used: they need an anchor"
+    note_count(notes, len(section.fixes), not_used)
     pose = np.zeros((count, 6))
     pose[:, 1] = along
     pose[:, 2] = height
@@ -89,7 +87,7 @@ def trace_poses(
 
 
 def _poses_by_fixes(
-    section: GprSection, height: float, anchor: Anchor, topography: bool, notes: list[str]
+    section: GprSection, height: float, anchor: Anchor, topography: bool, notes: Notes
 ) -> tuple[IntArray, FloatArray]:
     """Return the traces between the receiver's first and last position, and their poses."""
     if len(section.fixes) < 2:
@@ -102,15 +100,31 @@ def _poses_by_fixes(
     position[:, 2] = height
     trace, position = _plausible_fixes(section, position, notes)
     ground = ground[np.isin(section.fixes[:, 0], trace)]
-    position[:, 2] += _topography(section, ground, anchor, topography, notes)
+    have_heights = anchor.heights_known and bool(np.isfinite(ground).all())
+    low, high = ground.min(initial=np.inf), ground.max(initial=-np.inf)
+    span = f"{low:.2f} to {high:.2f} m in the lane"
+    if topography:
+        if not have_heights:
+            raise ValueError(
+                f"{section.path}: topography needs an anchor with heights and a height of every "
+                "position"
+            )
+        notes.append(
+            f"antennas are put on the receiver's heights, {span}; "
+            "its own height over the ground is not taken off"
+        )
+        position[:, 2] += ground
+    elif have_heights and high - low > _LEVEL:
+        notes.append(
+            f"heights of the receiver from {span} are not used: "
+            "the ground is taken as level; --topography puts the line on them"
+        )
 
     every = 1 + len(trace) // _MOST_HEADINGS
     heading_of_some = np.unwrap(course(position[::every]))
     heading = np.interp(trace, trace[::every], heading_of_some)
     track = make_track(trace, position, heading)
-    first = math.ceil(trace[0])
-    last = math.floor(trace[-1])
-    between = np.arange(first, last + 1)
+    between = np.arange(math.ceil(trace[0]), math.floor(trace[-1]) + 1)
     notes.append(
         f"{len(between)} of {len(section.traces)} traces lie between positions of the satellite "
         "receiver and are kept"
@@ -133,48 +147,17 @@ def options_that_place(section: GprSection, dashes: str = "") -> str:
     str
         The options, such as "step or mark-spacing".
     """
-    names = ["step"]
+    options = [f"{dashes}step"]
     if len(section.marks) > 1:
-        names.append("mark-spacing")
+        options.append(f"{dashes}mark-spacing")
     if len(section.fixes) > 1:
-        names += ["anchor", "anchor-from-track"]
-    options = [dashes + name for name in names]
+        options += [f"{dashes}anchor", f"{dashes}anchor-from-track"]
     *first, last = options
     return f"{', '.join(first)} or {last}" if first else last
 
 
-def _topography(
-    section: GprSection, ground: FloatArray, anchor: Anchor, use_heights: bool, notes: list[str]
-) -> FloatArray:
-    """Return what the receiver's heights (fix,), m in the lane, add to the antennas'.
-
-    Heights that are not used are noted.
-    """
-    if not anchor.heights_known or not np.isfinite(ground).all():
-        if use_heights:
-            raise ValueError(
-                f"{section.path}: topography needs an anchor with heights and a height of every "
-                "position"
-            )
-        return np.zeros(ground.size)
-    low = float(ground.min())
-    high = float(ground.max())
-    if use_heights:
-        notes.append(
-            f"antennas are put on the receiver's heights, {low:.2f} to {high:.2f} m in the lane; "
-            "its own height over the ground is not taken off"
-        )
-        return ground
-    if high - low > _LEVEL:
-        notes.append(
-            f"heights of the receiver from {low:.2f} to {high:.2f} m in the lane are not used: "
-            "the ground is taken as level; --topography puts the line on them"
-        )
-    return np.zeros(ground.size)
-
-
 def _plausible_fixes(
-    section: GprSection, position: FloatArray, notes: list[str]
+    section: GprSection, position: FloatArray, notes: Notes
 ) -> tuple[FloatArray, FloatArray]:
     """Return traces and positions of the fixes (fix, 3) in the lane that a vehicle can reach.
 
@@ -183,36 +166,31 @@ def _plausible_fixes(
     traces. Fixes left out are noted.
     """
     trace = section.fixes[:, 0]
+    of_all = f"of {len(trace)} positions of the satellite receiver"
+
+    def leave_out(bad: IntArray, reason: str) -> None:
+        listed = ", ".join(f"{number:g}" for number in trace[bad][:_LISTED])
+        note_count(notes, bad.size, f"{of_all} left out, which {reason}: at trace {listed}")
+
     motion = _judge_fixes(section, position)
     if motion.left_out:
         notes.append(
-            f"{len(motion.left_out)} of {len(trace)} positions of the satellite receiver left out, "
+            f"{len(motion.left_out)} {of_all} left out, "
             f"which no vehicle reaches; traces are counted as scans: {some_steps(motion.steps)}"
         )
     elif motion.steps:
         notes.append(
-            f"{len(motion.steps)} of {len(trace)} positions of the satellite receiver lie farther "
+            f"{len(motion.steps)} {of_all} lie farther "
             "from those before than a vehicle goes; they are too many to be faults, and all are "
             f"used: {some_steps(motion.steps)}"
         )
     used = np.flatnonzero(motion.plausible)
     agrees = _near_by_distance(section, trace[used], position[used])
-    if not agrees.all():
-        listed = ", ".join(f"{number:g}" for number in trace[used][~agrees][:_LISTED])
-        notes.append(
-            f"{np.count_nonzero(~agrees)} of {len(trace)} positions of the satellite receiver left "
-            "out, which are farther from those about them than the traces' own distance: "
-            f"at trace {listed}"
-        )
+    leave_out(used[~agrees], "are farther from those about them than the traces' own distance")
     used = used[agrees]
     astray = used[is_astray(position[used])]
-    if astray.size:
-        listed = ", ".join(f"{number:g}" for number in trace[astray][:_LISTED])
-        notes.append(
-            f"{astray.size} of {len(trace)} positions of the satellite receiver left out, which "
-            f"lie aside of a way that goes on behind them: at trace {listed}"
-        )
-        used = np.setdiff1d(used, astray)
+    leave_out(astray, "lie aside of a way that goes on behind them")
+    used = np.setdiff1d(used, astray)
     return trace[used], position[used]
 
 
@@ -228,17 +206,12 @@ def _near_by_distance(section: GprSection, trace: FloatArray, position: FloatArr
     along = np.interp(trace, np.arange(len(travelled)), travelled)
     agrees = np.zeros(count, bool)
     for step in (1, 2):
-        offset = position[step:, :2] - position[:-step, :2]
-        apart = np.hypot(*offset.T)
-        travelled_between = along[step:] - along[:-step]
-        allowed = _SLIP * travelled_between + _CLOSE
-        fits = apart <= allowed
+        apart = np.hypot(*(position[step:, :2] - position[:-step, :2]).T)
+        fits = apart <= _SLIP * (along[step:] - along[:-step]) + _CLOSE
         agrees[step:] |= fits
         agrees[:-step] |= fits
     # Where hardly any agree, it is the distance that is wrong.
-    if 2 * np.count_nonzero(agrees) <= count:
-        return np.ones(count, bool)
-    return agrees
+    return agrees if 2 * np.count_nonzero(agrees) > count else np.ones(count, bool)
 
 
 def _judge_fixes(section: GprSection, position: FloatArray) -> Motion:
@@ -246,18 +219,17 @@ def _judge_fixes(section: GprSection, position: FloatArray) -> Motion:
 
     They are judged by their times where these go on.
     """
-    pose = np.concatenate([position, np.zeros_like(position)], axis=1)
+    pose = np.pad(position, ((0, 0), (0, 3)))
     # Fixes may be as many traces apart as they like, and a receiver without corrections wanders
     # from fix to fix.
     limits = MotionLimits(scans=int(LARGEST), acceleration=1000.0)
-    time: FloatArray | None = None
-    if section.fix_time.size == len(position):
-        steps = np.diff(section.fix_time)
-        if (steps > 0).any() and not (steps < 0).any():
-            time = section.fix_time
-    if time is None and section.time is not None:
-        time = np.interp(section.fixes[:, 0], np.arange(len(section.time)), section.time)
-    return judge_poses(pose, time, limits, np.round(section.fixes[:, 0]))
+    trace, time = section.fixes[:, 0], None
+    steps = np.diff(section.fix_time)
+    if section.fix_time.size == len(position) and (steps > 0).any() and not (steps < 0).any():
+        time = section.fix_time
+    elif section.time is not None:
+        time = np.interp(trace, np.arange(len(section.time)), section.time)
+    return judge_poses(pose, time, limits, np.round(trace))
 
 
 def doubts_of_fixes(section: GprSection) -> list[str]:
@@ -275,22 +247,18 @@ def doubts_of_fixes(section: GprSection) -> list[str]:
     """
     if len(section.fixes) < 2:
         return []
-    notes: list[str] = []
+    notes: Notes = []
     trace, position = _plausible_fixes(section, _near_middle(section.fixes), notes)
-    lines = []
-    for note in notes:
-        lines.append(note.replace("left out, which", "an import with an anchor leaves out, which"))
+    later = "an import with an anchor leaves out, which"
+    lines = [note.replace("left out, which", later) for note in notes]
     if section.distance is None or len(trace) < 2:
         return lines
-    steps = np.hypot(*np.diff(position[:, :2], axis=0).T)
-    by_receiver = float(steps.sum())
-    first = int(np.ceil(trace[0]))
-    last = int(np.floor(trace[-1]))
-    steps_of_traces = np.diff(section.distance[first : last + 1])
-    by_traces = float(np.abs(steps_of_traces).sum())
-    differs = abs(by_receiver - by_traces) > _CLOSE
-    ratio = by_receiver / max(by_traces, 1e-9)
-    if differs and not 0.5 < ratio < 2.0:
+    by_receiver = float(np.hypot(*np.diff(position[:, :2], axis=0).T).sum())
+    first = math.ceil(trace[0])
+    last = math.floor(trace[-1])
+    by_traces = float(np.abs(np.diff(section.distance[first : last + 1])).sum())
+    is_near = abs(by_receiver - by_traces) <= _CLOSE
+    if not is_near and not 0.5 < by_receiver / max(by_traces, 1e-9) < 2.0:
         lines.append(
             f"the satellite receiver went {by_receiver:.4g} m from trace {first} to trace {last}, "
             f"where the traces' own distance is {by_traces:.4g} m: is their spacing right?"
@@ -303,11 +271,9 @@ def _near_middle(fixes: FloatArray) -> FloatArray:
 
     Near the middle of the line a degree is as long as there; far away it need only be far.
     """
-    longitude = np.radians(fixes[:, 1])
-    latitude = np.radians(fixes[:, 2])
+    longitude, latitude = np.radians(fixes[:, 1:3]).T
     middle = float(np.median(latitude))
     # The difference of longitudes is wrapped: a line may cross the date line.
     difference = np.angle(np.exp(1j * (longitude - np.median(longitude))))
     east = difference * math.cos(middle)
-    north = latitude - middle
-    return _EARTH * np.stack([east, north, np.zeros_like(east)], axis=1)
+    return _EARTH * np.stack([east, latitude - middle, np.zeros_like(east)], axis=1)

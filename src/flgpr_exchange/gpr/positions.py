@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,16 +19,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.formats.nmea import (
-    Position,
     SentenceCounts,
     clock_time,
     position_of,
     sentences_of,
 )
-from flgpr.types import BoolArray, FloatArray, IndexArray
-from flgpr_exchange.gpr.parts import DAY, find_companion, is_header_line, read_companion
+from flgpr.types import ArrayLike, BoolArray, FloatArray, Notes, floats
+from flgpr_exchange.gpr.parts import (
+    DAY,
+    find_companion,
+    is_header_line,
+    note_count,
+    read_companion,
+)
 
-NO_FIXES: FloatArray = np.empty((0, 4))
 _CHANNEL_OF_NAME = re.compile(r"(.+)_[A-Za-z]?\d{1,3}")
 """A file of one channel of several, such as line_A03, whose positions may lie in line.cor."""
 _TRACE = re.compile(r"\s*Trace\s*#\s*(\d{1,9})", re.IGNORECASE)
@@ -42,28 +46,25 @@ _HEIGHT = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 _LARGEST_HEIGHT = 1e5  # m
 
 
-class Fix(NamedTuple):
-    """A position of a satellite receiver, as a file states it."""
+Fix = tuple[float, float, float, float, float]
+"""A position as a file states it.
 
-    trace: float  #: from 0
-    longitude: float  #: degrees, WGS 84
-    latitude: float
-    height: float  #: over the ellipsoid, m; NaN if the file states none
-    time: float = np.nan  #: s of the day; NaN if unknown
+Trace, from 0, longitude and latitude, degrees, WGS 84, height over the ellipsoid, m, and second of
+the day; the last two are NaN where the file states none.
+"""
 
 
-@dataclass(frozen=True)
-class Fixes:
+class Fixes(NamedTuple):
     """The positions that are used, in the order of their traces."""
 
     #: (fix, 4): trace, longitude, latitude, height
-    table: FloatArray = field(default_factory=lambda: NO_FIXES)
+    table: FloatArray = np.empty((0, 4))
     #: (fix,) s of the first day, NaN where unknown
-    time: FloatArray = field(default_factory=lambda: np.empty(0))
+    time: FloatArray = np.empty(0)
 
 
 def nmea_fixes(
-    path: Path | None, count: int, notes: list[str], numbers: NDArray[np.integer] | None = None
+    path: Path | None, count: int, notes: Notes, numbers: NDArray[np.integer] | None = None
 ) -> Fixes:
     """Read the positions of a file of NMEA sentences beside a recording.
 
@@ -92,61 +93,52 @@ def nmea_fixes(
     lines = text.splitlines()
     counts = SentenceCounts()
     fixes: dict[str, list[Fix]] = {"GGA": [], "RMC": []}
-    found = Counter[str]()
+    unusable = 0
+    without_trace = 0
     not_measured = Counter[str]()
     trace_of_line: list[int | None] = []
     trace: int | None = None
     for line in lines:
-        trace = _trace_in(line, trace)
+        by_number, by_scan = _TRACE.match(line), _SCAN.match(line)
+        if by_number is not None:
+            trace = int(by_number[1]) - 1
+        elif by_scan is not None:
+            trace = int(by_scan[1])
         trace_of_line.append(trace)
+    total = 0
     for number, begin, sentence in sentences_of(lines, ("GGA", "RMC"), counts):
-        found["all"] += 1
+        total += 1
         position = position_of(sentence)
         if position is None:
-            found["unusable"] += 1
+            unusable += 1
             continue
         not_measured[_NOT_MEASURED.get(position.quality, "")] += 1
         row = _ROW.match(lines[number][:begin])
         named = trace_of_line[number] if row is None else int(row[1]) - 1
         if named is None:
-            found["without trace"] += 1
-        else:
-            fixes[sentence.kind].append(_fix_at(named, position))
+            without_trace += 1
+            continue
+        # Over the ellipsoid if that is known.
+        height = position.altitude + float(np.nan_to_num(position.separation))
+        fixes[sentence.kind].append((named, *position[1:3], height, position.time))
 
-    _note_sentences(path.name, found, not_measured, notes)
-    notes += counts.notes(path.name)
-    if fixes["RMC"] and not fixes["GGA"]:
-        notes.append(f"{path.name} holds RMC sentences alone, which tell no height")
-    # RMC would add the same positions once more, without a height.
-    return settle_fixes(fixes["GGA"] or fixes["RMC"], count, notes, path.name, numbers)
-
-
-def _fix_at(trace: int, position: Position) -> Fix:
-    """Return the fix of a trace, from 0; its height is over the ellipsoid if that is known."""
-    height = position.altitude + np.nan_to_num(position.separation)
-    return Fix(trace, position.longitude, position.latitude, float(height), position.time)
-
-
-def _note_sentences(
-    name: str, found: Counter[str], not_measured: Counter[str], notes: list[str]
-) -> None:
-    """Add notes of the sentences of a file that state no position, none measured, or no trace."""
-    total = found["all"]
+    name = path.name
     if not total:
         notes.append(f"{name} was found and holds no position that is understood")
-    if found["unusable"]:
-        notes.append(
-            f"{found['unusable']} of {total} sentences of {name} tell no position "
-            "(the receiver had no fix)"
-        )
+    of_all = f"of {total} sentences of {name}"
+    note_count(notes, unusable, f"{of_all} tell no position (the receiver had no fix)")
+    del not_measured[""]
     for quality, number in not_measured.items():
-        if quality:
-            notes.append(f"{number} of {total} sentences of {name} are {quality}: they are used")
-    if found["without trace"]:
-        notes.append(f"{found['without trace']} positions of {name} name no trace and are not used")
+        note_count(notes, number, f"{of_all} are {quality}: they are used")
+    note_count(notes, without_trace, f"positions of {name} name no trace and are not used")
+    notes += counts.notes(name)
+    if fixes["RMC"] and not fixes["GGA"]:
+        notes.append(f"{name} holds RMC sentences alone, which tell no height")
+    # RMC would add the same positions once more, without a height.
+    return settle_fixes(fixes["GGA"] or fixes["RMC"], count, notes, name, numbers)
 
 
-def _companion_text(path: Path | None, notes: list[str]) -> str | None:
+def _companion_text(path: Path | None, notes: Notes) -> str | None:
     """Return the text of a file beside a recording; None if there is none or it is not a text."""
     if path is None:
         return None
@@ -157,16 +149,7 @@ def _companion_text(path: Path | None, notes: list[str]) -> str | None:
         return None
 
 
-def _trace_in(line: str, before: int | None) -> int | None:
-    """Return the trace, from 0, that a line names, else the one ``before``."""
-    by_number = _TRACE.match(line)
-    if by_number is not None:
-        return int(by_number[1]) - 1
-    by_scan = _SCAN.match(line)
-    return before if by_scan is None else int(by_scan[1])
-
-
-def find_cor(path: Path, notes: list[str]) -> Path | None:
+def find_cor(path: Path, notes: Notes) -> Path | None:
     """Find the ``.cor`` beside a recording: of its own name, or common to all channels' files.
 
     Parameters
@@ -191,7 +174,7 @@ def find_cor(path: Path, notes: list[str]) -> Path | None:
     return common
 
 
-def cor_fixes(path: Path | None, count: int, notes: list[str]) -> Fixes:
+def cor_fixes(path: Path | None, count: int, notes: Notes) -> Fixes:
     """Read the positions of a ``.cor``.
 
     Its columns are trace (from 1), date, time, latitude, N or S, longitude, E or W, height. They
@@ -230,11 +213,8 @@ def cor_fixes(path: Path | None, count: int, notes: list[str]) -> Fixes:
             strange += 1
         else:
             fixes.append(fix)
-    if strange:
-        notes.append(
-            f"{strange} of {strange + len(fixes)} lines of {path.name} were not understood "
-            "and are left out"
-        )
+    lines = f"of {strange + len(fixes)} lines of {path.name}"
+    note_count(notes, strange, f"{lines} were not understood and are left out")
     return settle_fixes(fixes, count, notes, path.name)
 
 
@@ -254,11 +234,9 @@ def _fix_of_row(cells: Sequence[str]) -> Fix | None:
     longitude, position = _angle_at(cells, position, "EW")
     if latitude is None or longitude is None:
         return None
-    height = np.nan
-    if position < len(cells):
-        match = _HEIGHT.match(cells[position])
-        height = float(match[0]) if match else np.nan
-    return Fix(float(cells[0]) - 1, longitude, latitude, height, clock_time(cells[2]))
+    match = _HEIGHT.match(cells[position]) if position < len(cells) else None
+    height = float(match[0]) if match else np.nan
+    return float(cells[0]) - 1, longitude, latitude, height, clock_time(cells[2])
 
 
 def _angle_at(cells: Sequence[str], position: int, letters: str) -> tuple[float | None, int]:
@@ -266,20 +244,23 @@ def _angle_at(cells: Sequence[str], position: int, letters: str) -> tuple[float 
 
     Its letter is before, within or after it. The angle is None if the cell is none.
     """
-    side = _letter_at(cells, position, letters)
-    if side:
-        position += 1
-    match = _match_angle(cells[position]) if position < len(cells) else None
+    cells = [*cells, "", "", ""]  # so that there are cells behind the last one
+    side = _letter_in(cells[position], letters)
+    position += bool(side)
+    # The sign behind the last number parts nothing.
+    parted = re.sub(r":(?=[NSEW]?$)", "", _ANGLE_SIGNS.sub(":", cells[position].upper()))
+    match = _ANGLE.fullmatch(parted)
     if match is None:
         return None, position
     before, digits, behind = match.groups()
     side = side or before or behind
     position += 1
     if not side:
-        side = _letter_at(cells, position, letters)
-        if side:
-            position += 1
-    if (side and side not in letters) or _is_strange_letter(cells, position):
+        side = _letter_in(cells[position], letters)
+        position += bool(side)
+    # A further letter is of another language; M is the unit of a height that is missing.
+    is_strange = re.fullmatch(r"[^\W\d_Mm]", cells[position]) is not None
+    if (side and side not in letters) or is_strange:
         return None, position
     try:
         sexagesimal = [float(number) for number in digits.split(":")]
@@ -290,35 +271,16 @@ def _angle_at(cells: Sequence[str], position: int, letters: str) -> tuple[float 
     return (-angle if is_negative else angle), position
 
 
-def _match_angle(cell: str) -> re.Match[str] | None:
-    """Match an angle whose degrees, minutes and seconds may have their signs."""
-    parted = _ANGLE_SIGNS.sub(":", cell.upper())
-    # The sign behind the last number parts nothing.
-    return _ANGLE.fullmatch(re.sub(r":(?=[NSEW]?$)", "", parted))
-
-
-def _is_strange_letter(cells: Sequence[str], position: int) -> bool:
-    """Return whether the cell behind an angle is a letter of another language.
-
-    M is the unit of a height that is missing.
-    """
-    if position >= len(cells):
-        return False
-    return re.fullmatch(r"[^\W\d_Mm]", cells[position]) is not None
-
-
-def _letter_at(cells: Sequence[str], position: int, letters: str) -> str:
+def _letter_in(cell: str, letters: str) -> str:
     """Return the letter in a cell that is one of two; empty if it is another cell."""
-    if position >= len(cells):
-        return ""
-    letter = cells[position].upper()
+    letter = cell.upper()
     return letter if letter in tuple(letters) else ""
 
 
 def settle_fixes(
-    fixes: Sequence[Fix],
+    fixes: ArrayLike,
     count: int,
-    notes: list[str],
+    notes: Notes,
     name: str,
     numbers: NDArray[np.integer] | None = None,
 ) -> Fixes:
@@ -330,8 +292,8 @@ def settle_fixes(
 
     Parameters
     ----------
-    fixes : sequence of Fix
-        The positions in the order of the file.
+    fixes : (fix, 5) array_like
+        The positions in the order of the file, each a :data:`Fix`.
     count : int
         Traces of the recording.
     notes : list of str
@@ -346,59 +308,56 @@ def settle_fixes(
     Fixes
         The positions that are used.
     """
-    table = np.array(fixes, dtype=np.float64).reshape(-1, 5)
-    table = _on_own_lines(table, notes, name, numbers)
-    table = table[_on_earth(table, count, len(fixes), notes)]
-    table[:, 4] = _over_midnight(table[:, 4])
+    stated = floats(fixes).reshape(-1, 5)
+    table = _on_own_lines(stated, notes, name, numbers)
+    table = table[_on_earth(table, count, len(stated), notes)]
+    # Times of the day are counted on where they pass midnight.
+    known = np.flatnonzero(np.isfinite(table[:, 4]))
+    passes = np.append(0, np.diff(table[known, 4]) < -DAY / 2)
+    table[known, 4] += DAY * np.cumsum(passes)[: known.size]
 
-    back = np.diff(table[:, 4]) < 0
-    if back.any():
-        notes.append(f"the receiver's clock in {name} goes back {np.count_nonzero(back)} times")
+    back = np.count_nonzero(np.diff(table[:, 4]) < 0)
+    if back:
+        notes.append(f"the receiver's clock in {name} goes back {back} times")
     _, first = np.unique(table[:, 0], return_index=True)
     further = len(table) - first.size
-    if further:
-        notes.append(f"{further} positions are further ones of the same trace: its first is used")
+    note_count(notes, further, "positions are further ones of the same trace: its first is used")
     table = table[first]
     unknown = np.isnan(table[:, 3])
-    if unknown.any():
-        notes.append(
-            f"{np.count_nonzero(unknown)} of {len(table)} positions tell no height: 0 m is taken"
-        )
-        table[unknown, 3] = 0.0
+    note_count(notes, unknown, f"of {len(table)} positions tell no height: 0 m is taken")
+    table[unknown, 3] = 0.0
     return Fixes(table[:, :4], table[:, 4])
 
 
-def _on_earth(table: FloatArray, count: int, total: int, notes: list[str]) -> BoolArray:
+def _on_earth(table: FloatArray, count: int, total: int, notes: Notes) -> BoolArray:
     """Return which positions (fix, 5) lie on the Earth and on one of ``count`` traces.
 
     0 N 0 E is what recorders write without a position. ``total`` positions are in the file.
     """
     trace, longitude, latitude, height = table[:, :4].T
     at_zero = (longitude == 0) & (latitude == 0)
-    if at_zero.any():
-        notes.append(
-            f"{np.count_nonzero(at_zero)} of {total} positions left out: "
-            "0 N 0 E, where no receiver was"
-        )
+    left_out = f"of {total} positions left out"
+    note_count(notes, at_zero, f"{left_out}: 0 N 0 E, where no receiver was")
 
     usable = np.isfinite(table[:, :3]).all(axis=1)
     usable &= (np.abs(longitude) <= 180) & (np.abs(latitude) <= 90)
     usable &= (trace >= 0) & (trace < count)
     usable &= ~(np.abs(height) >= _LARGEST_HEIGHT)  # an unknown height, NaN, is allowed
-    lost = np.count_nonzero(~(usable | at_zero))
-    if lost:
-        notes.append(f"{lost} of {total} positions left out: no place on the Earth, or no trace")
+    note_count(notes, ~(usable | at_zero), f"{left_out}: no place on the Earth, or no trace")
     return usable & ~at_zero
 
 
 def _on_own_lines(
-    table: FloatArray, notes: list[str], name: str, numbers: NDArray[np.integer] | None
+    table: FloatArray, notes: Notes, name: str, numbers: NDArray[np.integer] | None
 ) -> FloatArray:
     """Return positions (fix, 5) of merged lines on their own traces.
 
     Those whose line is not known are left out. ``numbers`` (trace,) are the traces' own.
     """
-    restarts = _restarts(table[:, 0])
+    # Numbers begin anew where they fall, and the next one does not go on from before the fall.
+    falls = np.flatnonzero(np.diff(table[:, 0]) < 0) + 1
+    following = np.append(table[:, 0], -np.inf)
+    restarts = falls[following[falls + 1] < table[falls - 1, 0]]
     if not restarts.size:
         return table
     starts = np.empty(0, int)
@@ -415,9 +374,8 @@ def _on_own_lines(
     settled = table.copy()
     line_of_fix = np.searchsorted(restarts, np.arange(len(table)), side="right")
     edges = [0, *starts.tolist(), len(numbers)]
-    lines = len(edges) - 1
-    for line in range(lines):
-        traces = np.arange(edges[line], edges[line + 1])
+    for line, (begin, end) in enumerate(pairwise(edges)):
+        traces = np.arange(begin, end)
         fixes = np.flatnonzero(line_of_fix == line)
         trace_number = table[fixes, 0] + 1
         match = np.searchsorted(numbers[traces], trace_number)
@@ -425,31 +383,13 @@ def _on_own_lines(
         is_there = (match < traces.size) & (numbers[nearest] == trace_number)
         settled[fixes, 0] = np.where(is_there, nearest, np.nan)
     notes.append(
-        f"{lines} lines were merged: the positions of {name} are put on the traces of their own "
-        "line"
+        f"{len(edges) - 1} lines were merged: the positions of {name} are put on the traces of "
+        "their own line"
     )
     return settled
 
 
-def _restarts(trace: FloatArray) -> IndexArray:
-    """Return where trace numbers begin anew.
-
-    There they fall, and the next one does not go on from before the fall.
-    """
-    falls = np.flatnonzero(np.diff(trace) < 0) + 1
-    following = np.append(trace, -np.inf)
-    return falls[following[falls + 1] < trace[falls - 1]]
-
-
-def _over_midnight(time: FloatArray) -> FloatArray:
-    """Return times of the day, s, counted on where they pass midnight."""
-    known = np.flatnonzero(np.isfinite(time))
-    passes = np.append(0, np.diff(time[known]) < -DAY / 2)
-    time[known] += DAY * np.cumsum(passes)[: known.size]
-    return time
-
-
-def note_unread(path: Path, suffixes: Sequence[str], notes: list[str]) -> None:
+def note_unread(path: Path, suffixes: Sequence[str], notes: Notes) -> None:
     """Add notes of the files of the same name that lie beside a recording and are not read.
 
     Parameters

@@ -9,9 +9,8 @@ import xarray as xr
 from flgpr.formats.reader import Explanation, Reader
 from flgpr.formats.section import GprSection
 from flgpr.store.store_layout import MAX_MEMORY
-from flgpr_exchange.gpr.channels import preview_run
 from flgpr_exchange.gpr.files import READERS, is_gpr, read_gpr
-from flgpr_exchange.gpr.line_run import explain_gpr
+from flgpr_exchange.gpr.line_run import explain_gpr, preview_run
 
 
 class GprReader(Reader):

@@ -6,15 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flgpr.types import AnyArray, FloatArray
+from flgpr.types import AnyArray, FloatArray, Notes, floats
 from flgpr_exchange.gpr.parts import (
     between_neighbours,
     float64,
-    gather_note,
     gather_of_separations,
+    note_count,
     way_along,
 )
-from flgpr_exchange.gpr.positions import Fix, Fixes, settle_fixes
+from flgpr_exchange.gpr.positions import Fixes, settle_fixes
 
 _COORDINATES = {
     "source": "source coordinates (bytes 73-80)",
@@ -40,7 +40,7 @@ class HeaderGeometry(NamedTuple):
     gather: str = ""  # what a survey is whose antennas move apart
 
 
-def geometry_of(table: AnyArray, metre: float, notes: list[str]) -> HeaderGeometry:
+def geometry_of(table: AnyArray, metre: float, notes: Notes) -> HeaderGeometry:
     """Return where the traces are, and how far apart their antennas.
 
     Parameters
@@ -61,10 +61,16 @@ def geometry_of(table: AnyArray, metre: float, notes: list[str]) -> HeaderGeomet
     placed = _line_geometry(table, metre, notes)
     if placed.separation is None:
         placed = placed._replace(separation=_stated_offset(table, metre, notes))
-    return placed._replace(gather=_gather(table, metre, notes))
+    if np.isin(table["unit"], list(_LARGEST_ANGLE)).any():
+        return placed
+    source, group = _coordinates(table, "source"), _coordinates(table, "group")
+    separations = _separations(source, group, metre)
+    if separations.size < 2:
+        return placed
+    return placed._replace(gather=gather_of_separations(separations, " m", notes))
 
 
-def _stated_offset(table: AnyArray, metre: float, notes: list[str]) -> float | None:
+def _stated_offset(table: AnyArray, metre: float, notes: Notes) -> float | None:
     """Return the distance from source to receiver, m, where it is the same in all traces.
 
     By the standard it is in the unit of lengths; radars write it scaled as the coordinates are, or
@@ -94,9 +100,15 @@ def _stated_offset(table: AnyArray, metre: float, notes: list[str]) -> float | N
     return None
 
 
-def _line_geometry(table: AnyArray, metre: float, notes: list[str]) -> HeaderGeometry:
+def _line_geometry(table: AnyArray, metre: float, notes: Notes) -> HeaderGeometry:
     """Return distance along the line, or fixes, and the antennas' separation, if stated."""
-    coordinates = _changing_coordinates(table, notes)
+    coordinates: dict[str, FloatArray] = {}  # (trace, 2) that change along the line
+    for name, description in _COORDINATES.items():
+        points = _coordinates(table, name, notes)
+        if np.ptp(points, axis=0).any():
+            coordinates[name] = points
+        elif points.any() and len(points) > 1:
+            notes.append(f"the {description} are the same in all traces: they are not used")
     if not coordinates:
         return HeaderGeometry()
     name, points = next(iter(coordinates.items()))
@@ -111,7 +123,10 @@ def _line_geometry(table: AnyArray, metre: float, notes: list[str]) -> HeaderGeo
     unit = int(units[0])
     if unit in _LARGEST_ANGLE:
         notes.append(f"the positions are the {_COORDINATES[name]} of the traces")
-        return HeaderGeometry(fixes=_fixes_of(_degrees(points, unit), notes))
+        fixes = np.full((len(points), 5), np.nan)  # neither heights nor times are known
+        fixes[:, 0] = np.arange(len(points))
+        fixes[:, 1:3] = _degrees(points, unit)
+        return HeaderGeometry(fixes=settle_fixes(fixes, len(points), notes, "the trace headers"))
     if unit != 1:
         notes.append(f"the unit of its coordinates is {unit}: they are taken as lengths")
 
@@ -132,7 +147,7 @@ def _scale_of(table: AnyArray) -> FloatArray:
     return np.where(scalar < 0, 1 / np.maximum(-scalar, 1), np.maximum(scalar, 1))
 
 
-def _coordinates(table: AnyArray, name: str, notes: list[str] | None = None) -> FloatArray:
+def _coordinates(table: AnyArray, name: str, notes: Notes | None = None) -> FloatArray:
     """Return coordinates (trace, 2) of the trace headers, by their scalar, in the headers' unit.
 
     Some programs write floats where the standard has whole numbers: those are told by what they
@@ -145,9 +160,9 @@ def _coordinates(table: AnyArray, name: str, notes: list[str] | None = None) -> 
     is_set = words != 0
     if not is_set.any() or not (np.abs(whole[is_set]) > largest).all():
         return whole
-    floats = float64(words.view(words.dtype.str.replace("i", "f")))
-    size = np.abs(floats[is_set])
-    if not (np.isfinite(size).all() and (size >= _FLOATS[0]).all() and (size <= _FLOATS[1]).all()):
+    numbers = float64(words.view(words.dtype.str.replace("i", "f")))
+    size = np.abs(numbers[is_set])
+    if not ((size >= _FLOATS[0]) & (size <= _FLOATS[1])).all():
         return whole
     if notes is not None:
         scaled = " without their scalar" if (scale != 1).any() else ""
@@ -155,25 +170,7 @@ def _coordinates(table: AnyArray, name: str, notes: list[str] | None = None) -> 
             f"the {_COORDINATES[name]} are read as floating point{scaled}, as some programs write "
             f"them: as whole numbers they would be up to {np.abs(whole).max():.3g}"
         )
-    return floats
-
-
-def _gather(table: AnyArray, metre: float, notes: list[str]) -> str:
-    """Return what a survey is whose source and receiver move apart by their coordinates.
-
-    It is empty for a line.
-    """
-    if np.isin(table["unit"], list(_LARGEST_ANGLE)).any():
-        return ""
-    source = _coordinates(table, "source")
-    group = _coordinates(table, "group")
-    separations = _separations(source, group, metre)
-    if separations.size < 2:
-        return ""
-    gather = gather_of_separations(separations, " m", notes)
-    if gather:
-        notes.append(gather_note(gather))
-    return gather
+    return numbers
 
 
 def _separations(source: FloatArray, group: FloatArray, metre: float) -> FloatArray:
@@ -182,20 +179,7 @@ def _separations(source: FloatArray, group: FloatArray, metre: float) -> FloatAr
     Coordinates 0, 0 count as not stated.
     """
     is_stated = source.any(axis=1) & group.any(axis=1)
-    offsets = group[is_stated] - source[is_stated]
-    return np.asarray(np.hypot(offsets[:, 0], offsets[:, 1]) * metre, dtype=np.float64)
-
-
-def _changing_coordinates(table: AnyArray, notes: list[str]) -> dict[str, FloatArray]:
-    """Return the coordinates (trace, 2) that change along the line, by their names."""
-    coordinates = {}
-    for name, description in _COORDINATES.items():
-        points = _coordinates(table, name, notes)
-        if np.ptp(points, axis=0).any():
-            coordinates[name] = points
-        elif points.any() and len(points) > 1:
-            notes.append(f"the {description} are the same in all traces: they are not used")
-    return coordinates
+    return floats(np.hypot(*(group[is_stated] - source[is_stated]).T) * metre)
 
 
 def _degrees(points: FloatArray, unit: int) -> FloatArray:
@@ -205,20 +189,14 @@ def _degrees(points: FloatArray, unit: int) -> FloatArray:
     """
     if unit == 2:
         return points / 3600
-    if unit == 4:
-        return _sexagesimal(points)
-    return points
+    if unit == 3:
+        return points
+    degrees, rest = np.divmod(np.abs(points), 10_000)
+    minutes, seconds = np.divmod(rest, 100)
+    return floats(np.sign(points) * (degrees + minutes / 60 + seconds / 3600))
 
 
-def _fixes_of(degrees: FloatArray, notes: list[str]) -> Fixes:
-    """Return the fixes of longitudes and latitudes (trace, 2)."""
-    fixes = []
-    for trace, (longitude, latitude) in enumerate(degrees.tolist()):
-        fixes.append(Fix(float(trace), longitude, latitude, np.nan))
-    return settle_fixes(fixes, len(degrees), notes, "the trace headers")
-
-
-def _without_far_zeros(points: FloatArray, notes: list[str]) -> FloatArray:
+def _without_far_zeros(points: FloatArray, notes: Notes) -> FloatArray:
     """Return points (trace, 2) with those at 0, 0 put between their neighbours.
 
     They stay where the line is near 0, 0.
@@ -228,36 +206,22 @@ def _without_far_zeros(points: FloatArray, notes: list[str]) -> FloatArray:
     if not missing or not is_set.any():
         return points
     stated = points[is_set]
-    nearest = np.abs(stated).max(axis=1).min()
-    extent = np.ptp(stated, axis=0).max()
-    if nearest <= _FAR * extent:
+    if np.abs(stated).max(axis=1).min() <= _FAR * np.ptp(stated, axis=0).max():
         return points
-    notes.append(
-        f"{missing} of {len(points)} traces are at 0, 0, far from all others, "
-        "and are put between their neighbours"
-    )
+    text = "are at 0, 0, far from all others, and are put between their neighbours"
+    note_count(notes, missing, f"of {len(points)} traces {text}")
     return between_neighbours(points, is_set)
 
 
-def _separation(coordinates: dict[str, FloatArray], metre: float, notes: list[str]) -> float | None:
+def _separation(coordinates: dict[str, FloatArray], metre: float, notes: Notes) -> float | None:
     """Return the distance of source and group, m, where it is the same in all traces."""
-    if "source" not in coordinates or "group" not in coordinates:
+    if not {"source", "group"} <= set(coordinates):
         return None
     separations = _separations(coordinates["source"], coordinates["group"], metre)
     if not separations.size:
         return None
     mean = float(separations.mean())
-    is_plausible = 0 < mean <= _LONGEST_SEPARATION
-    is_constant = np.ptp(separations) <= _SPREAD * mean
-    if not (is_plausible and is_constant):
+    if not 0 < mean <= _LONGEST_SEPARATION or np.ptp(separations) > _SPREAD * mean:
         return None
     notes.append("the antennas' separation is the distance of source and group coordinates")
     return mean
-
-
-def _sexagesimal(values: FloatArray) -> FloatArray:
-    """Return degrees of numbers whose digits are degrees, minutes and seconds: DDDMMSS.ss."""
-    degrees, rest = np.divmod(np.abs(values), 10_000)
-    minutes, seconds = np.divmod(rest, 100)
-    size = degrees + minutes / 60 + seconds / 3600
-    return np.asarray(np.sign(values) * size, dtype=np.float64)

@@ -15,9 +15,8 @@ from flgpr.formats.section import GprSection
 from flgpr.geo.anchor import Anchor
 from flgpr.model import LINE_STARTS
 from flgpr.store.tables import read_columns
-from flgpr.types import FloatArray, floats
-from flgpr_exchange.gpr.channels import channels_run, common_band
-from flgpr_exchange.gpr.line_run import ReasonedBand
+from flgpr.types import FloatArray, Notes, floats
+from flgpr_exchange.gpr.line_run import ReasonedBand, channels_run, common_band
 
 _CLOSE = 0.02  # of a line's length, by which the distance of its ends may differ from it
 
@@ -114,8 +113,7 @@ def place_by_marks(section: GprSection, spacing: float) -> GprSection:
     distance = np.interp(number, marks, along)
     before = number < marks[0]
     after = number > marks[-1]
-    first_gap = marks[1] - marks[0]  # traces from mark to mark
-    last_gap = marks[-1] - marks[-2]
+    first_gap, last_gap = np.diff(marks)[[0, -1]]  # traces from mark to mark
     distance[before] = (number[before] - marks[0]) * spacing / first_gap
     distance[after] = along[-1] + (number[after] - marks[-1]) * spacing / last_gap
 
@@ -168,53 +166,52 @@ def survey_run(
     if not sections:
         raise ValueError("a survey must have at least one line, got none")
     if options.get("band") is None:
-        bands = [common_band(section) for section in sections]
-        lowest = max(band.lowest for band in bands)
-        highest = min(band.highest for band in bands)
-        options["band"] = ReasonedBand(lowest, highest, "common to all lines and their antennas")
+        lows, highs, _ = zip(*map(common_band, sections), strict=True)
+        reason = "common to all lines and their antennas"
+        options["band"] = ReasonedBand(max(lows), min(highs), reason)
     is_placed = anchor is not None or layout.spacing is not None or layout.ends is not None
-    if not is_placed and len(sections) > 1 and not _lie_side_by_side(sections):
-        raise ValueError(
-            "lines of a survey need an anchor, line-spacing or a table of lines, "
-            "which tell where they lie"
-        )
+    if not is_placed and len(sections) > 1:
+        # Unless they are channels of one line, a file each, whose headers place them across.
+        places = {tuple(one.offsets.ravel()) for one in sections if one.offsets is not None}
+        if len(places) < len(sections) or any(one.traces.shape[1] > 1 for one in sections):
+            raise ValueError(
+                "lines of a survey need an anchor, line-spacing or a table of lines, "
+                "which tell where they lie"
+            )
 
-    runs = [_line_run(section, anchor, options) for section in sections]
+    runs = [channels_run(section, anchor=anchor, **options) for section in sections]
+    first = runs[0]
     for section, run in zip(sections, runs, strict=True):
-        differing = _differing_axis(run, runs[0])
+        differing = None
+        if not np.array_equal(run["frequency"].values, first["frequency"].values):
+            differing = "frequency"
+        elif run.sizes["pair"] != first.sizes["pair"]:
+            differing = "pair"
         if differing is not None:
             raise ValueError(
                 f"{section.path}: lines of a survey must have the same time window and channels, "
                 f"this one has another {differing} than {sections[0].path.name}"
             )
 
-    notes: list[str] = []
-    if anchor is None:
-        notes += _place_lines(runs, [section.path.name for section in sections], layout)
+    names = [section.path.name for section in sections]
+    notes = _place_lines(runs, names, layout) if anchor is None else []
     for section, run in zip(sections, runs, strict=True):
         _carry_offset(section, run)
     notes += _without_clocks(runs)
-    scans = [run.sizes["scan"] for run in runs]
-    starts = np.cumsum([0, *scans[:-1]]).tolist()
-    for section, run in zip(sections, runs, strict=True):
-        notes += [f"{section.path.name}: {note}" for note in run.attrs["import_notes"]]
+    starts = np.cumsum([0, *(run.sizes["scan"] for run in runs[:-1])]).tolist()
+    for name, run in zip(names, runs, strict=True):
+        notes += [f"{name}: {note}" for note in run.attrs["import_notes"]]
 
     merged = xr.concat(
         runs, dim="scan", data_vars="minimal", coords="minimal", compat="equals", join="exact"
     )
-    attrs = runs[0].attrs | {
+    attrs = first.attrs | {
         "title": f"{len(runs)} lines",
-        "source": f"{sections[0].format}, {', '.join(section.path.name for section in sections)}",
+        "source": f"{sections[0].format}, {', '.join(names)}",
         "import_notes": notes,
         LINE_STARTS: starts,
     }
     return merged.assign_attrs(attrs)
-
-
-def _lie_side_by_side(sections: Sequence[GprSection]) -> bool:
-    """Return whether lines are channels of one, a file each, whose headers place them across."""
-    places = {tuple(one.offsets.ravel()) for one in sections if one.offsets is not None}
-    return len(places) == len(sections) and all(one.traces.shape[1] == 1 for one in sections)
 
 
 def _carry_offset(section: GprSection, run: xr.Dataset) -> None:
@@ -233,13 +230,6 @@ def _carry_offset(section: GprSection, run: xr.Dataset) -> None:
         run[name].values[:, :2] -= section.offsets[0]
 
 
-def _differing_axis(run: xr.Dataset, first: xr.Dataset) -> str | None:
-    """Return the axis in which a line differs from the first; None if both are alike."""
-    if not np.array_equal(run["frequency"].values, first["frequency"].values):
-        return "frequency"
-    return None if run.sizes["pair"] == first.sizes["pair"] else "pair"
-
-
 def _without_clocks(runs: list[xr.Dataset]) -> list[str]:
     """Take times away where they do not go on from line to line, and return a note of it."""
     time = np.concatenate([run["time"].values for run in runs])
@@ -255,62 +245,40 @@ def _without_clocks(runs: list[xr.Dataset]) -> list[str]:
     ]
 
 
-def _line_run(section: GprSection, anchor: Anchor | None, options: dict[str, Any]) -> xr.Dataset:
-    """Return one line as a run."""
-    return channels_run(section, anchor=anchor, **options)
-
-
 def _place_lines(runs: Sequence[xr.Dataset], names: Sequence[str], layout: LineLayout) -> list[str]:
     """Move the poses of lines, each along +y from the origin, to where they lie; return notes."""
-    if layout.ends is not None:
-        return _place_by_ends(runs, names, layout.ends)
     spacing = layout.spacing or 0.0
+    notes: Notes = []
     end = 0.0  # of the line before, m along y
-    for number, run in enumerate(runs):
-        runs_back = layout.zigzag and number % 2 == 1
-        length = _length_of(run)
-        if runs_back:
-            _move(run, number * spacing, end, math.pi)
-            end = 0.0
-        else:
-            _move(run, number * spacing, 0.0, 0.0)
-            end = length
+    for number, (run, name) in enumerate(zip(runs, names, strict=True)):
+        pose = run["pose"].values
+        measured = float(np.ptp(pose[:, 1]))
+        x, y, heading = number * spacing, 0.0, 0.0
+        if layout.ends is not None:
+            x, y, x1, y1 = layout.ends[number]
+            length = math.hypot(x1 - x, y1 - y)
+            if length == 0:
+                raise ValueError(
+                    f"{name}: a line must end elsewhere than it begins, got ({x:g}, {y:g}) m twice"
+                )
+            if abs(length - measured) > _CLOSE * length:
+                notes.append(
+                    f"{name}: its ends lie {length:.4g} m apart, its own distance is "
+                    f"{measured:.4g} m, which is kept"
+                )
+            heading = math.atan2(x1 - x, y1 - y)
+        elif layout.zigzag and number % 2 == 1:
+            y, heading = end, math.pi
+        end = measured
+        along = pose[:, 1] - pose[0, 1]
+        pose[:, 0] = x + along * math.sin(heading)
+        pose[:, 1] = y + along * math.cos(heading)
+        pose[:, 3] = heading
+    if layout.ends is not None:
+        return notes
     if layout.spacing is None and len(runs) > 1:
         return [f"{len(runs)} lines are put side by side, by the offsets of their headers"]
     manner = "all begin at y = 0"
     if layout.zigzag:
         manner = "every other line runs back from where the one before ended"
     return [f"{len(runs)} lines are put {spacing:g} m apart along x as given; {manner}"]
-
-
-def _place_by_ends(runs: Sequence[xr.Dataset], names: Sequence[str], ends: FloatArray) -> list[str]:
-    """Move the poses of lines to their starts and ends (line, 4), m; return notes."""
-    notes: list[str] = []
-    for run, name, (x0, y0, x1, y1) in zip(runs, names, ends, strict=True):
-        length = math.hypot(x1 - x0, y1 - y0)
-        measured = _length_of(run)
-        if length == 0:
-            raise ValueError(
-                f"{name}: a line must end elsewhere than it begins, got ({x0:g}, {y0:g}) m twice"
-            )
-        if abs(length - measured) > _CLOSE * length:
-            notes.append(
-                f"{name}: its ends lie {length:.4g} m apart, its own distance is {measured:.4g} m, "
-                "which is kept"
-            )
-        _move(run, x0, y0, math.atan2(x1 - x0, y1 - y0))
-    return notes
-
-
-def _length_of(run: xr.Dataset) -> float:
-    """Return the length of a line along +y, m."""
-    return float(np.ptp(run["pose"].values[:, 1]))
-
-
-def _move(run: xr.Dataset, x: float, y: float, heading: float) -> None:
-    """Turn a line that runs along +y from the origin, and put its origin at (x, y)."""
-    pose = run["pose"].values
-    along = pose[:, 1] - pose[0, 1]
-    pose[:, 0] = x + along * math.sin(heading)
-    pose[:, 1] = y + along * math.cos(heading)
-    pose[:, 3] = heading

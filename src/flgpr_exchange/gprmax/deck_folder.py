@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
 
 from flgpr.model import Sensor
-from flgpr.simulate import Scene, World, draw_world
+from flgpr.simulate import Scene, draw_world
 from flgpr.store import lane_text, write_geojson, write_table, write_whole
 from flgpr.store.outputs import atomic_output
 from flgpr_exchange.gprmax.deck_results import MANIFEST, deck_texts
@@ -47,35 +46,22 @@ def write_gprmax_decks(
     decks = make_decks(scene, sensor, seed, cells_per_wavelength, max_cells)
     world = draw_world(scene, seed)
     target.parent.mkdir(parents=True, exist_ok=True)
+    texts = deck_texts()
+    size, omissions = (
+        "".join(f"- {item}\n" for item in items) for items in (decks.summary, decks.omissions)
+    )
+    files = {
+        **decks.files,
+        MANIFEST: json.dumps(decks.manifest, indent=1),
+        "run.sh": texts["script"],
+        "README.txt": f"{texts['readme']}Size:\n{size}\nNot written:\n{omissions}",
+    }
     with atomic_output(target, more=True) as partial:  # results may have been added
         partial.mkdir()
-        for name, text in decks.files.items():
+        for name, text in files.items():
             (partial / name).write_text(text, encoding="utf-8")
-        manifest = json.dumps(decks.manifest, indent=1)
-        (partial / MANIFEST).write_text(manifest, encoding="utf-8")
-        texts = deck_texts()
-        (partial / "run.sh").write_text(texts["script"], encoding="utf-8")
-        readme = _readme(texts["readme"], decks)
-        (partial / "README.txt").write_text(readme, encoding="utf-8")
-        _write_world_tables(world, partial)
+        for name, table in (("truth", world.truth()), ("objects", world.objects_table())):
+            write_table(table, partial / f"{name}.csv")
+            write_geojson(table, partial / f"{name}.json")
         write_whole(partial / "lane.toml", lane_text(scene.lane))
     return decks
-
-
-def _readme(introduction: str, decks: Decks) -> str:
-    """Return the README of decks: what they are, their size, and what is not in them."""
-    size = _bullets(decks.summary)
-    omissions = _bullets(decks.omissions)
-    return f"{introduction}Size:\n{size}\nNot written:\n{omissions}"
-
-
-def _bullets(items: Sequence[str]) -> str:
-    """Return a list in Markdown."""
-    return "".join(f"- {item}\n" for item in items)
-
-
-def _write_world_tables(world: World, folder: Path) -> None:
-    """Write truth and objects of a world as CSV and GeoJSON."""
-    for name, table in (("truth", world.truth()), ("objects", world.objects_table())):
-        write_table(table, folder / f"{name}.csv")
-        write_geojson(table, folder / f"{name}.json")

@@ -12,7 +12,7 @@ import numpy as np
 
 from flgpr.door import MOST_CHECKED, MOST_JSON, Folder
 from flgpr.json_text import canonical_json, parse_json
-from flgpr.types import Complex128Array, ComplexArray
+from flgpr.types import Complex128Array, ComplexArray, Entries
 from flgpr_exchange.gprmax.output import GprmaxOutput, read_gprmax
 
 FORMAT = "flgpr-gprmax-1"
@@ -39,7 +39,7 @@ def deck_texts() -> dict[str, str]:
     return tomllib.loads(packaged.read_text(encoding="utf-8"))
 
 
-def read_manifest_of_decks(folder: str | Path) -> dict[str, Any]:
+def read_manifest_of_decks(folder: str | Path) -> Entries:
     """Read the manifest of a folder of gprMax decks.
 
     Parameters
@@ -64,7 +64,7 @@ def read_manifest_of_decks(folder: str | Path) -> dict[str, Any]:
         raise FileNotFoundError(f"folder of gprMax results not found: {folder}")
     path = folder / MANIFEST
     try:
-        manifest: dict[str, Any] = parse_json(Folder(folder).read(MANIFEST, MOST_JSON))
+        manifest: Entries = parse_json(Folder(folder).read(MANIFEST, MOST_JSON))
         if manifest["format"] != FORMAT:
             raise ValueError(f"format must be {FORMAT}, got {manifest['format']!r}")
         missing = [name for name in _NEEDED if name not in manifest]
@@ -153,17 +153,23 @@ class GprmaxRun:
         self._air = {name: air for name, air in self._air.items() if name in free}
         for run in runs:
             scene = read_gprmax(self._result(run["file"]) or "")
-            air = None if self.keep_direct else self._read_air(run["free"])
+            air = None
+            if not self.keep_direct:
+                air = self._air.get(run["free"]) or read_gprmax(self._result(run["free"]) or "")
+                self._air[run["free"]] = air
             self._check(scene)
-            moment = self._moment(scene)
+            # The spectrum of the dipole's current moment, A·m per Hz: the current, at half steps,
+            # times a cell's edge.
+            waveform = self.manifest["waveform"]
+            kind, centre = str(waveform["type"]), float(waveform["frequency"])
+            moment = scene.current(kind, centre, self.frequency) * float(scene.cell[0])
             for pair, receiver in zip(run["pairs"], run["receivers"], strict=True):
                 for row, label in enumerate(labels):
-                    if label[0] != run["transmit"]:
-                        continue
-                    field = self._field(scene, receiver[label[1]])
-                    if air is not None:
-                        field = field - self._field(air, receiver[label[1]])
-                    signal[row, pair] = 1j * field / moment
+                    if label[0] == run["transmit"]:
+                        field = self._field(scene, receiver[label[1]])
+                        if air is not None:
+                            field = field - self._field(air, receiver[label[1]])
+                        signal[row, pair] = 1j * field / moment
         return signal.astype(np.complex64)
 
     def digest(self) -> str:
@@ -187,16 +193,8 @@ class GprmaxRun:
 
     def _file(self, name: str) -> str | None:
         """Return the name of the file of a result, with its ending."""
-        for ending in ENDINGS:
-            if Folder(self.folder).has(f"{name}{ending}"):
-                return f"{name}{ending}"
-        return None
-
-    def _read_air(self, name: str) -> GprmaxOutput:
-        """Read the result of air alone, unless the scan before had the same."""
-        if name not in self._air:
-            self._air[name] = read_gprmax(self._result(name) or "")
-        return self._air[name]
+        names = (f"{name}{ending}" for ending in ENDINGS)
+        return next((file for file in names if Folder(self.folder).has(file)), None)
 
     def _check(self, output: GprmaxOutput) -> None:
         """Refuse a result whose cells or duration are not those of the manifest."""
@@ -218,13 +216,3 @@ class GprmaxRun:
         for name, component, weight in terms:
             total += weight * output.spectrum(name, f"E{component}", self.frequency)
         return total
-
-    def _moment(self, output: GprmaxOutput) -> Complex128Array:
-        """Return the spectrum of the dipole's current moment, A·m per Hz.
-
-        It is the current, at half steps, times a cell's edge.
-        """
-        waveform = self.manifest["waveform"]
-        kind = str(waveform["type"])
-        current = output.current(kind, float(waveform["frequency"]), self.frequency)
-        return current * float(output.cell[0])

@@ -6,9 +6,9 @@ the scene, another only air: its field is the direct wave, which the reader take
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -16,14 +16,9 @@ from flgpr.model import SPEED_OF_LIGHT, Sensor, pose_matrix, vehicle_to_lane
 from flgpr.simulate.ground.subsurface import buried_clutter
 from flgpr.simulate.scene.scene import Scene
 from flgpr.simulate.scene.world import World, draw_track, draw_world
-from flgpr.types import AnyArray, FloatArray
+from flgpr.types import AnyArray, Entries, FloatArray, Notes
 from flgpr_exchange.gprmax.deck_results import FORMAT
-from flgpr_exchange.gprmax.grid import (
-    CellGrid,
-    GridPoint,
-    RelaxingMedium,
-    fit_relaxation,
-)
+from flgpr_exchange.gprmax.grid import CellGrid, GridPoint, fit_relaxation, numbers
 from flgpr_exchange.gprmax.scene import densest_body, scene_text
 
 SCENE_FILE = "scene.txt"
@@ -38,7 +33,7 @@ class Decks:
 
     files: dict[str, str] = field(default_factory=dict)  #: name and text of every file
     #: what the reader needs to put the results together, as JSON values
-    manifest: dict[str, Any] = field(default_factory=dict)
+    manifest: Entries = field(default_factory=dict)
     #: what of scene and sensor is not in the files, in words
     omissions: list[str] = field(default_factory=list)
     summary: list[str] = field(default_factory=list)  #: size and cost, in words
@@ -95,7 +90,15 @@ def make_decks(
     cell = _round_down(min(wavelength / slowest, wavelength) / cells_per_wavelength)
     antennas = vehicle_to_lane(np.concatenate([sensor.tx, sensor.rx]), poses)
     grid = _grid(scene, world, antennas, cell)
-    _check_size(grid, max_cells)
+    shape = " x ".join(map(str, grid.shape))
+    cells = math.prod(grid.shape)
+    if cells > max_cells:
+        size = " x ".join(f"{edge:.1f}" for edge in grid.size)
+        raise ValueError(
+            f"the model must have at most {max_cells:.3g} cells, got {shape} = {cells:.3g} of "
+            f"{1000 * cell:g} mm for {size} m: take a shorter or narrower lane, track.positions "
+            "closer to it, lower tones or fewer cells per wavelength"
+        )
     soils = [fit_relaxation(tones, eps, 1.5 * grid.time_step) for eps in media]
     decks = Decks()
     # gprMax refuses a pulse that has 1 % of its peak where a wavelength holds less than three
@@ -105,12 +108,21 @@ def make_decks(
     highest_centre = wavelength / index / cell * float(tones[-1]) / (3 * 3.85)
     centre = min(band_centre, highest_centre)
     window = time_window or _time_window(grid, antennas, slowest, centre)
-    omissions: list[str] = []
+    omissions: Notes = []
     decks.files[SCENE_FILE], surface = scene_text(scene, world, grid, soils, seed, omissions)
     decks.omissions = _left_out(scene, world, sensor) + omissions
     runs = _runs(decks, scene, sensor, poses, antennas, grid, centre, window)
+    tx, rx = sensor.pairs()
+    axis = sensor.tones
     decks.manifest = {
-        **_describe_sensor(scene, sensor, seed),
+        "format": FORMAT,
+        "title": scene.name,
+        "seed": seed,
+        "sensor": sensor.name,
+        "polarization": list(sensor.polarization),
+        "tones": {"start": axis.start, "step": axis.step, "count": axis.count},
+        "tx_position": tx.tolist(),
+        "rx_position": rx.tolist(),
         "pose": poses.tolist(),
         "time": times.tolist(),
         "waveform": {"type": "gaussiandotnorm", "frequency": centre},
@@ -125,7 +137,18 @@ def make_decks(
         "omissions": decks.omissions,
         "runs": runs,
     }
-    decks.summary = _summarise(grid, window, runs, soils)
+    steps = window / grid.time_step
+    memory = cells * _BYTES_PER_CELL / 2**30
+    decks.summary = [
+        f"{len(runs)} runs and {len({run['free'] for run in runs})} of air alone",
+        f"{shape} cells of {1000 * cell:g} mm: {memory:.2g} GiB",
+        f"{steps:.0f} time steps, {cells * window / grid.time_step:.2g} cell updates per run",
+    ]
+    for number, soil in enumerate(soils, start=1):
+        decks.summary.append(
+            f"soil {number}: {len(soil.poles)} Debye poles, off by at most "
+            f"{100 * soil.error_real:.2g} % in ε' and {100 * soil.error_loss:.2g} % in ε''"
+        )
     return decks
 
 
@@ -133,59 +156,6 @@ def _round_down(cell: float) -> float:
     """Return a length, m, rounded down to two digits, so that files and grids are readable."""
     unit = 10.0 ** (math.floor(math.log10(cell)) - 1)
     return round(math.floor(cell / unit + 1e-9) * unit, 9)
-
-
-def _check_size(grid: CellGrid, max_cells: float) -> None:
-    """Raise a ValueError if a grid has more than the given cells."""
-    count = math.prod(grid.shape)
-    if count <= max_cells:
-        return
-    shape = " x ".join(map(str, grid.shape))
-    size = " x ".join(f"{edge:.1f}" for edge in grid.size)
-    raise ValueError(
-        f"the model must have at most {max_cells:.3g} cells, got {shape} = {count:.3g} of "
-        f"{1000 * grid.cell:g} mm for {size} m: take a shorter or narrower lane, track.positions "
-        "closer to it, lower tones or fewer cells per wavelength"
-    )
-
-
-def _describe_sensor(scene: Scene, sensor: Sensor, seed: int) -> dict[str, Any]:
-    """Return the manifest's entries of scene and sensor."""
-    tx, rx = sensor.pairs()
-    tones = sensor.tones
-    return {
-        "format": FORMAT,
-        "title": scene.name,
-        "seed": seed,
-        "sensor": sensor.name,
-        "polarization": list(sensor.polarization),
-        "tones": {"start": tones.start, "step": tones.step, "count": tones.count},
-        "tx_position": tx.tolist(),
-        "rx_position": rx.tolist(),
-    }
-
-
-def _summarise(
-    grid: CellGrid, window: float, runs: list[dict[str, Any]], soils: list[RelaxingMedium]
-) -> list[str]:
-    """Return the size and cost of all runs in words, a line each."""
-    count = math.prod(grid.shape)
-    shape = " x ".join(map(str, grid.shape))
-    air_runs = len({run["free"] for run in runs})
-    memory = count * _BYTES_PER_CELL / 2**30
-    steps = window / grid.time_step
-    updates = count * window / grid.time_step
-    lines = [
-        f"{len(runs)} runs and {air_runs} of air alone",
-        f"{shape} cells of {1000 * grid.cell:g} mm: {memory:.2g} GiB",
-        f"{steps:.0f} time steps, {updates:.2g} cell updates per run",
-    ]
-    for number, soil in enumerate(soils, start=1):
-        lines.append(
-            f"soil {number}: {len(soil.poles)} Debye poles, off by at most "
-            f"{100 * soil.error_real:.2g} % in ε' and {100 * soil.error_loss:.2g} % in ε''"
-        )
-    return lines
 
 
 def _grid(scene: Scene, world: World, antennas: FloatArray, cell: float) -> CellGrid:
@@ -208,25 +178,22 @@ def _grid(scene: Scene, world: World, antennas: FloatArray, cell: float) -> Cell
     # The first antenna across and along, and the ground in height, lie on nodes.
     anchor = np.array([*antennas[0, 0, :2], 0.0])
     first = anchor - np.ceil((anchor - low + room) / cell) * cell
-    shape = np.ceil((high + room - first) / cell).astype(int)
-    return _make_grid(first, cell, shape)
+    return _make_grid(first, cell, np.ceil((high + room - first) / cell))
 
 
 def _make_grid(first: FloatArray, cell: float, shape: AnyArray) -> CellGrid:
     """Return a grid whose first node lies at a place, m."""
-    x, y, z = (float(v) for v in first)
-    i, j, k = (int(n) for n in shape)
+    x, y, z = map(float, first)
+    i, j, k = map(int, shape)
     return CellGrid((x, y, z), cell, (i, j, k), _ABSORBER)
 
 
 def _time_window(grid: CellGrid, antennas: FloatArray, index: float, centre: float) -> float:
     """Return the time in which the echo of the farthest corner and the pulse end, s."""
-    x_low, y_low, bottom = grid.origin
-    width, length, _ = grid.size
-    corners = np.array([(x, y) for x in (x_low, x_low + width) for y in (y_low, y_low + length)])
+    corners = np.array(grid.origin)[:2] + np.array([(0, 0), (0, 1), (1, 0), (1, 1)]) * grid.size[:2]
     across = np.linalg.norm(antennas[..., None, :2] - corners, axis=-1).max()
     high = antennas[..., 2].max()
-    deep = -bottom
+    deep = -grid.origin[2]
     path = 2 * math.hypot(across, high) + 2 * index * deep
     return float(1.1 * path / SPEED_OF_LIGHT + 4 / centre)
 
@@ -234,32 +201,23 @@ def _time_window(grid: CellGrid, antennas: FloatArray, index: float, centre: flo
 def _left_out(scene: Scene, world: World, sensor: Sensor) -> list[str]:
     """Return what of scene and sensor no file holds, in words."""
     surface = scene.surface
-    omitted = []
-    if sensor.antenna.kind == "horn":
-        omitted.append("the horns' pattern and gain: ideal short dipoles stand in for them")
-    omitted.append(
+    buried = buried_clutter(scene) + (["refilled holes"] if world.holes else [])
+    omissions = {
+        "the horns' pattern and gain: ideal short dipoles stand in for them": (
+            sensor.antenna.kind == "horn"
+        ),
         "the sensor's errors: leakage, self-signature, drift, noise, interference, lost sweeps, "
-        "pose errors"
-    )
-    if surface.echo:
-        omitted.append(
-            "what the surface has beside its heights (slope, texture, cross_db, correlation, "
-            "level_db): the ground scatters as its heights do"
-        )
-    if world.patches:
-        omitted.append(f"{len(world.patches)} wet patches")
-    if not scene.terrain.flat:
-        omitted.append(
-            "the terrain (slope, undulation, ruts): the ground is level but for its roughness"
-        )
-    if scene.grass.grown:
-        omitted.append("the grass")
-    buried = buried_clutter(scene)
-    if world.holes:
-        buried.append("refilled holes")
-    if buried:
-        omitted.append(f"what lies under the surface: {', '.join(buried)}")
-    return omitted
+        "pose errors": True,
+        "what the surface has beside its heights (slope, texture, cross_db, correlation, "
+        "level_db): the ground scatters as its heights do": surface.echo,
+        f"{len(world.patches)} wet patches": world.patches,
+        "the terrain (slope, undulation, ruts): the ground is level but for its roughness": (
+            not scene.terrain.flat
+        ),
+        "the grass": scene.grass.grown,
+        f"what lies under the surface: {', '.join(buried)}": buried,
+    }
+    return [words for words, is_there in omissions.items() if is_there]
 
 
 def _runs(
@@ -271,36 +229,35 @@ def _runs(
     grid: CellGrid,
     centre: float,
     window: float,
-) -> list[dict[str, Any]]:
+) -> list[Entries]:
     """Write the input file of every scan, transmitter and polarization, and return their list.
 
     Those of air alone that they need are written too, equal ones once.
     """
-    runs: list[dict[str, Any]] = []
+    runs: list[Entries] = []
     air_files: dict[str, str] = {}
     first, second = sensor.pair_indices()
+    upright = np.array([0.0, math.sin(sensor.tilt), math.cos(sensor.tilt)])
     transmitted = sorted({name[0] for name in sensor.polarization})
     for scan, pose in enumerate(poses):
-        directions = _dipole_directions(sensor, pose)
+        turn = pose_matrix(pose)
+        directions = {"H": turn[:, 0], "V": turn @ upright}
         places = antennas[scan]
-        air = _air_grid(grid, places)
+        air, offset = _air_grid(grid, places)
         widest = np.linalg.norm(places[:, None] - places, axis=-1).max()
         air_window = float(1.1 * widest / SPEED_OF_LIGHT + 4 / centre)
         for tx in sorted(set(first.tolist())):
             pairs = np.flatnonzero(first == tx)
-            receivers = []
-            for pair in pairs:
-                antenna = places[len(sensor.tx) + second[pair]]
-                receivers.append(_receiver(antenna, directions, grid))
+            receivers = [
+                _receiver(number, places[len(sensor.tx) + second[pair]], directions, grid)
+                for number, pair in enumerate(pairs)
+            ]
             for label in transmitted:
                 source = grid.spread(places[tx], directions[label])
                 name = f"scan{scan:03d}-tx{tx:02d}-{label}"
                 title = f"{scene.name}, {name}"
                 decks.files[f"{name}.in"] = _deck(title, grid, source, receivers, centre, window)
-                air_source, air_receivers = _moved_to(air, source, receivers, grid)
-                text = _deck(
-                    "air alone", air, air_source, air_receivers, centre, air_window, scene=False
-                )
+                text = _deck("air alone", air, source, receivers, centre, air_window, offset)
                 air_file = air_files.setdefault(text, f"air-{name}")
                 decks.files[f"{air_file}.in"] = text
                 run = {
@@ -310,82 +267,43 @@ def _runs(
                     "transmit": label,
                     "pairs": pairs.tolist(),
                     "source": [[point.component, point.weight] for point in source],
-                    "receivers": _describe_receivers(receivers),
+                    "receivers": [
+                        {
+                            label: [[name, one.component, one.weight] for name, one in points]
+                            for label, points in receiver.items()
+                        }
+                        for receiver in receivers
+                    ],
                 }
                 runs.append(run)
     return runs
 
 
-def _dipole_directions(sensor: Sensor, pose: FloatArray) -> dict[str, FloatArray]:
-    """Return the unit vectors of the H and V dipoles in the lane frame."""
-    turn = pose_matrix(pose)
-    upright = np.array([0.0, math.sin(sensor.tilt), math.cos(sensor.tilt)])
-    return {"H": turn[:, 0], "V": turn @ upright}
+Receiver = dict[str, list[tuple[str, GridPoint]]]
+"""Field components of a receiver by polarization, each with its name in the files."""
 
 
-Receiver = dict[str, list[tuple[int, GridPoint]]]
-"""Field components of a receiver by polarization, each with its number."""
-
-
-def _receiver(position: FloatArray, directions: dict[str, FloatArray], grid: CellGrid) -> Receiver:
-    """Return the field components of a receiver, numbered; those in common have one number."""
-    numbers: dict[tuple[str, tuple[int, int, int]], int] = {}
+def _receiver(
+    number: int, position: FloatArray, directions: dict[str, FloatArray], grid: CellGrid
+) -> Receiver:
+    """Return the field components of a receiver; those in common have one name."""
+    names: dict[tuple[str, tuple[int, int, int]], str] = {}
     receiver: Receiver = {}
     for label, direction in directions.items():
-        numbered = []
+        receiver[label] = []
         for point in grid.spread(position, direction):
-            number = numbers.setdefault((point.component, point.node), len(numbers))
-            numbered.append((number, point))
-        receiver[label] = numbered
+            name = f"r{number}n{len(names)}"
+            name = names.setdefault((point.component, point.node), name)
+            receiver[label].append((name, point))
     return receiver
 
 
-def _describe_receivers(receivers: list[Receiver]) -> list[dict[str, list[list[Any]]]]:
-    """Return the manifest's entry of a run's receivers: name, component and weight of points."""
-    described = []
-    for index, receiver in enumerate(receivers):
-        entry: dict[str, list[list[Any]]] = {}
-        for label, points in receiver.items():
-            entry[label] = [
-                [_name(index, number), point.component, point.weight] for number, point in points
-            ]
-        described.append(entry)
-    return described
-
-
-def _name(receiver: int, number: int) -> str:
-    """Return the name of a receiver's field component in the files."""
-    return f"r{receiver}n{number}"
-
-
-def _air_grid(grid: CellGrid, places: FloatArray) -> CellGrid:
-    """Return the box around the antennas out of the grid, its nodes in place."""
+def _air_grid(grid: CellGrid, places: FloatArray) -> tuple[CellGrid, AnyArray]:
+    """Return the box around the antennas out of the grid, and the node (3,) where it begins."""
     room = _ABSORBER + _MARGIN
     low = np.floor(grid.local(places).min(axis=0) / grid.cell).astype(int) - room
     high = np.ceil(grid.local(places).max(axis=0) / grid.cell).astype(int) + room
-    origin = np.asarray(grid.origin) + low * grid.cell
-    return _make_grid(origin, grid.cell, high - low)
-
-
-def _moved_to(
-    air: CellGrid, source: list[GridPoint], receivers: list[Receiver], grid: CellGrid
-) -> tuple[list[GridPoint], list[Receiver]]:
-    """Return the points of a run on the nodes of the grid of air."""
-    origin = (np.asarray(air.origin) - np.asarray(grid.origin)) / grid.cell
-    offset = np.rint(origin).astype(int)
-
-    def moved(point: GridPoint) -> GridPoint:
-        """Return a point on the node of the other grid."""
-        i, j, k = (int(n) for n in np.asarray(point.node) - offset)
-        return point._replace(node=(i, j, k))
-
-    moved_receivers = []
-    for receiver in receivers:
-        moved_receiver: Receiver = {}
-        for label, points in receiver.items():
-            moved_receiver[label] = [(number, moved(point)) for number, point in points]
-        moved_receivers.append(moved_receiver)
-    return [moved(point) for point in source], moved_receivers
+    return _make_grid(grid.origin + low * grid.cell, grid.cell, high - low), low
 
 
 def _deck(
@@ -395,32 +313,27 @@ def _deck(
     receivers: list[Receiver],
     centre: float,
     window: float,
-    scene: bool = True,
+    air: AnyArray | None = None,
 ) -> str:
-    """Return the text of one input file, with the scene or of air alone."""
+    """Return the text of one input file: with the scene, or of air alone from a node (3,) on."""
     cell = grid.cell
+    first = np.zeros(3, int) if air is None else air
     lines = [
         f"#title: {title}",
-        "#domain: " + " ".join(f"{v:.9g}" for v in grid.size),
-        f"#dx_dy_dz: {cell:.9g} {cell:.9g} {cell:.9g}",
-        f"#time_window: {window:.9g}",
+        f"#domain: {numbers(*grid.size)}",
+        f"#dx_dy_dz: {numbers(cell, cell, cell)}",
+        f"#time_window: {numbers(window)}",
         f"#pml_cells: {grid.absorber}",
     ]
-    if scene:
+    if air is None:
         lines.append(f"#include_file: {SCENE_FILE}")
-    for k, point in enumerate(source):
-        lines.append(f"#waveform: gaussiandotnorm {point.weight:.12g} {centre:.9g} pulse{k + 1}")
-        lines.append(f"#hertzian_dipole: {point.component} {_node(point, cell)} pulse{k + 1}")
-    for index, receiver in enumerate(receivers):
-        numbered: dict[int, Any] = {}
-        for points in receiver.values():
-            numbered.update(points)
-        for number, point in sorted(numbered.items()):
-            field_name = f"{_name(index, number)} E{point.component}"
-            lines.append(f"#rx: {_node(point, cell)} {field_name}")
+    for number, point in enumerate(source, start=1):
+        pulse = f"pulse{number}"
+        node = numbers(*(point.node - first) * cell)
+        lines.append(f"#waveform: gaussiandotnorm {point.weight:.12g} {numbers(centre)} {pulse}")
+        lines.append(f"#hertzian_dipole: {point.component} {node} {pulse}")
+    for receiver in receivers:
+        for name, point in dict(itertools.chain(*receiver.values())).items():
+            node = numbers(*(point.node - first) * cell)
+            lines.append(f"#rx: {node} {name} E{point.component}")
     return "\n".join(lines) + "\n"
-
-
-def _node(point: GridPoint, cell: float) -> str:
-    """Return a node's coordinates, m, as the files write them."""
-    return " ".join(f"{n * cell:.9g}" for n in point.node)

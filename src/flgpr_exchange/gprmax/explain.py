@@ -14,7 +14,6 @@ from flgpr.model.printable import printable
 from flgpr.types import FloatArray
 from flgpr_exchange.gprmax.deck_results import MANIFEST, deck_texts
 from flgpr_exchange.gprmax.output import (
-    GprmaxReceiver,
     attribute_text,
     faults_of_result,
     merged_fields,
@@ -51,10 +50,9 @@ def explain_merged(path: Path) -> tuple[list[str], str]:
         fields = merged_fields(file)
         if not fields:
             return [], ""
-        version = attribute_text(file.attrs["gprMax"])
-        title = attribute_text(file.attrs.get("Title", ""))
+        version, title = (attribute_text(file, name) for name in ("gprMax", "Title"))
         interval = float(np.asarray(file.attrs.get("dt", np.nan)))
-    if not (np.isfinite(interval) and interval > 0):
+    if not 0 < interval < np.inf:
         raise ValueError(f"{path}: dt must be greater than 0, got {interval:g} s")
     # The field of a source along the same axis is the strongest, mostly Ez.
     chosen = next((name for name in fields if name.endswith("/Ez")), next(iter(fields)))
@@ -62,28 +60,20 @@ def explain_merged(path: Path) -> tuple[list[str], str]:
     lines = [
         f"result of gprMax {version}: {title or 'no title'}",
         f"merged B-scan of {traces} traces x {steps} steps of {1e9 * interval:.4g} ns",
-    ]
-    lines += [f"{name}: {shape[0]} x {shape[1]}" for name, shape in fields.items()]
-    lines.append(
+        *(f"{name}: {shape[0]} x {shape[1]}" for name, shape in fields.items()),
         "a merged file tells neither cells nor places: "
-        "where the scans were is for the mapping to say"
-    )
-    return lines, _draft_of_merged(path, title, chosen, fields[chosen], interval)
-
-
-def _draft_of_merged(
-    path: Path, title: str, variable: str, shape: tuple[int, int], interval: float
-) -> str:
-    """Return the mapping (TOML) of a field (step, trace) of a merged B-scan, ``interval`` in s."""
-    return deck_texts()["mapping"].format(
+        "where the scans were is for the mapping to say",
+    ]
+    draft = deck_texts()["mapping"].format(
         file=printable(path.name),
         title=json.dumps(title or path.stem),
         data=json.dumps(path.name),
-        variable=json.dumps(variable),
-        steps=shape[0],
-        traces=shape[1],
-        last=f"{interval * (shape[0] - 1):.9g}",
+        variable=json.dumps(chosen),
+        steps=steps,
+        traces=traces,
+        last=f"{interval * (steps - 1):.9g}",
     )
+    return lines, draft
 
 
 def explain_gprmax(path: Path) -> list[str]:
@@ -116,7 +106,11 @@ def explain_gprmax(path: Path) -> list[str]:
     for kind, position in output.sources:
         lines.append(f"source {kind or 'of unknown type'} at {_coordinates(position)}")
     receivers = list(output.receivers.values())
-    lines += [_receiver_line(receiver) for receiver in receivers[:_MOST_RECEIVERS]]
+    for receiver in receivers[:_MOST_RECEIVERS]:
+        bad = sum(np.count_nonzero(~np.isfinite(one)) for one in receiver.fields.values())
+        place = _coordinates(receiver.position)
+        line = f"receiver {receiver.name} at {place}: {', '.join(receiver.fields)}"
+        lines.append(line + (f", {bad} values not finite" if bad else ""))
     if len(receivers) > _MOST_RECEIVERS:
         lines.append(f"and {len(receivers) - _MOST_RECEIVERS} more receivers")
     manifest = path.with_name(MANIFEST)
@@ -129,18 +123,6 @@ def explain_gprmax(path: Path) -> list[str]:
             "flgpr import gprmax reads it when told band, transmit and ground, one file per scan"
         )
     return lines
-
-
-def _receiver_line(receiver: GprmaxReceiver) -> str:
-    """Return in words what a receiver recorded."""
-    bad = 0
-    for values in receiver.fields.values():
-        bad += int(np.count_nonzero(~np.isfinite(values)))
-    line = (
-        f"receiver {receiver.name} at {_coordinates(receiver.position)}: "
-        f"{', '.join(receiver.fields)}"
-    )
-    return line + (f", {bad} values not finite" if bad else "")
 
 
 def _coordinates(position: FloatArray) -> str:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from flgpr.model import make_run
-from flgpr.types import Complex128Array, ComplexArray, FloatArray
+from flgpr.types import Complex128Array, ComplexArray, Entries, FloatArray
 from flgpr_exchange.gprmax.output import GprmaxOutput, fourier_integral, read_gprmax
 
 
@@ -87,7 +87,17 @@ def import_gprmax_files(paths: Sequence[str | Path], setup: GprmaxSetup) -> xr.D
             tones = _tones(output, setup.band)
             labels = _labels(output, setup)
             notes = _notes(output, setup, labels)
-        _check_alike(output, first, offsets, first_offsets)
+        if output.steps != first.steps or abs(output.time_step / first.time_step - 1) > 1e-9:
+            raise ValueError(
+                f"{output.path}: must have {first.steps} steps of {first.time_step:g} s as the "
+                f"first file, got {output.steps} of {output.time_step:g} s"
+            )
+        are_alike = np.shape(offsets) == np.shape(first_offsets)
+        if not are_alike or np.abs(np.subtract(offsets, first_offsets)).max() > 1e-6:
+            raise ValueError(
+                f"{output.path}: receivers must stand about the source as in the first file, "
+                "they do not"
+            )
         pose[scan, :3] = position - [0.0, 0.0, setup.ground]
         blocks.append(_signal(output, setup, labels, tones))
 
@@ -100,7 +110,7 @@ def import_gprmax_files(paths: Sequence[str | Path], setup: GprmaxSetup) -> xr.D
         )
 
     rx = np.array(first_offsets)
-    attrs: dict[str, Any] = {
+    attrs: Entries = {
         "source": "gprMax",
         "title": first.title if first else "",
         "direct_wave": "kept",
@@ -134,10 +144,7 @@ def _notes(output: GprmaxOutput, setup: GprmaxSetup, labels: list[str]) -> list[
             "not its moment"
         )
     used = {f"E{setup.axes[label[1]]}" for label in labels}
-    recorded: dict[str, int] = {}
-    for receiver in output.receivers.values():
-        for name in receiver.fields:
-            recorded[name] = recorded.get(name, 0) + 1
+    recorded = Counter(name for one in output.receivers.values() for name in one.fields)
     for name, times in sorted(recorded.items()):
         if name not in used:
             notes.append(f"{name} of {times} of {len(output.receivers)} receivers is not used")
@@ -174,38 +181,17 @@ def _tones(output: GprmaxOutput, band: tuple[float, float]) -> FloatArray:
 
 def _labels(output: GprmaxOutput, setup: GprmaxSetup) -> list[str]:
     """Return the polarizations whose component every receiver recorded."""
-    labels = []
-    for receive, axis in setup.axes.items():
-        if all(f"E{axis}" in receiver.fields for receiver in output.receivers.values()):
-            labels.append(setup.transmit + receive)
+    receivers = output.receivers.values()
+    labels = [
+        setup.transmit + receive
+        for receive, axis in setup.axes.items()
+        if all(f"E{axis}" in receiver.fields for receiver in receivers)
+    ]
     if not labels:
         raise ValueError(
             f"{output.path}: every receiver must hold E{setup.horizontal} or E{setup.vertical}"
         )
     return labels
-
-
-def _check_alike(
-    output: GprmaxOutput,
-    first: GprmaxOutput,
-    offsets: list[FloatArray],
-    first_offsets: list[FloatArray],
-) -> None:
-    """Refuse a result whose time steps or receivers are not those of the first."""
-    if output.steps != first.steps or abs(output.time_step / first.time_step - 1) > 1e-9:
-        raise ValueError(
-            f"{output.path}: must have {first.steps} steps of {first.time_step:g} s as the first "
-            f"file, got {output.steps} of {output.time_step:g} s"
-        )
-    alike = len(offsets) == len(first_offsets)
-    if alike:
-        pairs = zip(offsets, first_offsets, strict=True)
-        alike = not max(np.abs(a - b).max() for a, b in pairs) > 1e-6
-    if not alike:
-        raise ValueError(
-            f"{output.path}: receivers must stand about the source as in the first file, "
-            "they do not"
-        )
 
 
 def _source(output: GprmaxOutput, setup: GprmaxSetup, tones: FloatArray) -> Complex128Array:
@@ -214,9 +200,8 @@ def _source(output: GprmaxOutput, setup: GprmaxSetup, tones: FloatArray) -> Comp
     It is its current moment where the file states the length, else its current.
     """
     if output.excitation is not None:
-        excitation = output.excitation
-        spectrum = fourier_integral(excitation.samples, output.time_step, tones, excitation.start)
-        return spectrum * excitation.length
+        samples, start, length = output.excitation
+        return fourier_integral(samples, output.time_step, tones, start) * length
     if setup.waveform is None:
         raise ValueError(
             f"{output.path}: the source's waveform is not in the file: "
@@ -224,8 +209,7 @@ def _source(output: GprmaxOutput, setup: GprmaxSetup, tones: FloatArray) -> Comp
         )
     length = 1.0
     if output.sources[0][0] == "HertzianDipole":
-        edges = dict(zip("xyz", output.cell, strict=True))
-        length = edges[setup.axes[setup.transmit]]
+        length = output.cell["xyz".index(setup.axes[setup.transmit])]
     return output.current(*setup.waveform, tones) * length
 
 
@@ -235,10 +219,11 @@ def _signal(
     """Return the signal (polarization, pair, frequency) of one scan."""
     source = _source(output, setup, tones)
     # Times j, a scatterer at path L gives exp(-j2πfL/c) as in every run.
-    rows = []
-    for label in labels:
-        component = f"E{setup.axes[label[1]]}"
-        rows.append(
-            [1j * output.spectrum(name, component, tones) / source for name in output.receivers]
-        )
+    rows = [
+        [
+            1j * output.spectrum(name, f"E{setup.axes[label[1]]}", tones) / source
+            for name in output.receivers
+        ]
+        for label in labels
+    ]
     return np.asarray(rows, dtype=np.complex64)

@@ -12,6 +12,15 @@ from scipy.optimize import nnls
 from flgpr.simulate.ground.soil import VACUUM_PERMITTIVITY
 from flgpr.types import ArrayLike, BoolArray, Complex128Array, FloatArray, floats
 
+# Errors of ε' and of ε'' at which no further pole is tried.
+_TOLERANCE_REAL = 0.002
+_TOLERANCE_LOSS = 0.03
+
+
+def numbers(*values: float) -> str:
+    """Return numbers as the input files write them."""
+    return " ".join(f"{value:.9g}" for value in values)
+
 
 class GridPoint(NamedTuple):
     """One component of the field at one node, and its weight.
@@ -99,7 +108,7 @@ def _cubic(position: float) -> list[tuple[int, float]]:
         -(t + 1) * t * (t - 2) / 2,
         (t + 1) * t * (t - 1) / 6,
     )
-    return [(first + k - 1, weight) for k, weight in enumerate(weights)]
+    return list(enumerate(weights, start=first - 1))
 
 
 def rectangles(mask: BoolArray) -> list[tuple[int, int, int, int]]:
@@ -132,11 +141,6 @@ def rectangles(mask: BoolArray) -> list[tuple[int, int, int, int]]:
     return covered
 
 
-# Errors of ε' and of ε'' at which no further pole is tried.
-_TOLERANCE_REAL = 0.002
-_TOLERANCE_LOSS = 0.03
-
-
 class RelaxingMedium(NamedTuple):
     """A medium of permittivity ``ε∞ + Σ Δε/(1 + jωτ) - jσ/(ωε0)``.
 
@@ -158,6 +162,10 @@ class RelaxingMedium(NamedTuple):
         for delta, tau in self.poles:
             relaxing = relaxing + delta / (1 + 1j * omega * tau)
         return np.asarray(total + relaxing)
+
+    def excess(self) -> float:
+        """Return the greater of both errors over their tolerances."""
+        return max(self.error_real / _TOLERANCE_REAL, self.error_loss / _TOLERANCE_LOSS)
 
 
 def fit_relaxation(
@@ -195,20 +203,13 @@ def fit_relaxation(
     times = np.geomspace(shortest, max(longest, 1.01 * shortest), 25)
     best = _fit_terms(f, eps, ())
     for count in range(1, most_poles + 1):
-        if best.error_real <= _TOLERANCE_REAL and best.error_loss <= _TOLERANCE_LOSS:
+        if best.excess() <= 1:
             break
         # Triples of all times would be too many.
         candidates = times[:: 1 if count < 3 else 3]
-        for chosen in itertools.combinations(candidates, count):
-            medium = _fit_terms(f, eps, chosen)
-            if _relative_error(medium) < _relative_error(best):
-                best = medium
+        fits = (_fit_terms(f, eps, chosen) for chosen in itertools.combinations(candidates, count))
+        best = min((best, *fits), key=RelaxingMedium.excess)
     return best
-
-
-def _relative_error(medium: RelaxingMedium) -> float:
-    """Return the greater of both errors over their tolerances."""
-    return max(medium.error_real / _TOLERANCE_REAL, medium.error_loss / _TOLERANCE_LOSS)
 
 
 def _fit_terms(f: FloatArray, eps: Complex128Array, times: tuple[float, ...]) -> RelaxingMedium:
@@ -223,12 +224,9 @@ def _fit_terms(f: FloatArray, eps: Complex128Array, times: tuple[float, ...]) ->
     size = np.concatenate([[1.0, VACUUM_PERMITTIVITY * omega.mean()], np.ones(len(times))])
     rows = np.concatenate([matrix.real, matrix.imag]) * size
     target = np.concatenate([eps.real - 1, eps.imag])
-    terms = nnls(rows * weight[:, None], target * weight)[0] * size
-    poles = []
-    for delta, tau in zip(terms[2:], times, strict=True):
-        if delta > 0:
-            poles.append((float(delta), float(tau)))
-    medium = RelaxingMedium(1 + float(terms[0]), float(terms[1]), tuple(poles), 0.0, 0.0)
+    constant, conductivity, *deltas = nnls(rows * weight[:, None], target * weight)[0] * size
+    poles = tuple((float(d), float(tau)) for d, tau in zip(deltas, times, strict=True) if d > 0)
+    medium = RelaxingMedium(1 + float(constant), float(conductivity), poles, 0.0, 0.0)
     error = medium(f) - eps
     return medium._replace(
         error_real=float((np.abs(error.real) / eps.real).max()),

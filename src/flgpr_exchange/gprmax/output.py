@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
@@ -40,8 +40,7 @@ class GprmaxReceiver:
     fields: dict[str, FloatArray]
 
 
-@dataclass(frozen=True)
-class Excitation:
+class Excitation(NamedTuple):
     """What drove a source, as gprMax 4 stores it: current in A, and the dipole's length in m."""
 
     samples: FloatArray
@@ -167,11 +166,10 @@ def _read(path: Path, limit: int) -> GprmaxOutput:
         refuse_parts_elsewhere(file)
         if merged_fields(file):
             raise ValueError(f"{path}: {_MERGED}")
-        version = _attribute(file, "gprMax", path)
         steps = int(_attribute(file, "Iterations", path))
-        cell = _attribute(file, "dx_dy_dz", path)
+        cell = floats(_attribute(file, "dx_dy_dz", path))
         time_step = float(_attribute(file, "dt", path))
-        if not (np.isfinite(time_step) and time_step > 0 and steps > 0):
+        if not (0 < time_step < np.inf and steps > 0):
             raise ValueError(
                 f"{path}: dt and Iterations must be greater than 0, got {time_step:g} s and {steps}"
             )
@@ -182,20 +180,14 @@ def _read(path: Path, limit: int) -> GprmaxOutput:
             if name in receivers:  # names are the model's author's, and may be the same
                 name = f"{name} ({group.name.rpartition('/')[2]})"
             receivers[name] = receiver
-        sources = []
-        for group in _numbered(file, "srcs"):
-            position = floats(_attribute(group, "Position", path))
-            sources.append((attribute_text(group.attrs.get("Type", "")), position))
+        sources = [
+            (attribute_text(group, "Type"), floats(_attribute(group, "Position", path)))
+            for group in _numbered(file, "srcs")
+        ]
+        version, title = (attribute_text(file, name) for name in ("gprMax", "Title"))
+        excitation = _excitation(file, limit)
         return GprmaxOutput(
-            path,
-            attribute_text(version),
-            attribute_text(file.attrs.get("Title", "")),
-            time_step,
-            steps,
-            floats(cell),
-            receivers,
-            sources,
-            _excitation(file, limit),
+            path, version, title, time_step, steps, cell, receivers, sources, excitation
         )
 
 
@@ -208,10 +200,13 @@ def refuse_parts_elsewhere(file: Any) -> None:
 def _numbered(file: Any, name: str) -> list[Any]:
     """Return the groups in a group in the order of their numbers."""
     group = file.get(name)
-    if not isinstance(group, h5py.Group):
-        return []
-    members = [group[key] for key in sorted(group, key=lambda key: (len(key), key))]
-    return [member for member in members if isinstance(member, h5py.Group)]
+    members = sorted(group, key=lambda key: (len(key), key)) if _is_group(group) else []
+    return [group[key] for key in members if _is_group(group[key])]
+
+
+def _is_group(item: Any) -> bool:
+    """Return whether a part of a file is a group."""
+    return isinstance(item, h5py.Group)
 
 
 def _attribute(item: Any, name: str, path: Path) -> Any:
@@ -224,8 +219,9 @@ def _attribute(item: Any, name: str, path: Path) -> Any:
     return item.attrs[name]
 
 
-def attribute_text(value: Any) -> str:
-    """Return an attribute as text."""
+def attribute_text(item: Any, name: str, missing: str = "") -> str:
+    """Return an attribute as text, or what stands for one that is missing."""
+    value = item.attrs.get(name, missing)
     return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
 
 
@@ -243,13 +239,10 @@ def _numbers(item: Any, limit: int) -> FloatArray:
 def _excitation(file: Any, limit: int) -> Excitation | None:
     """Return what drove the first source, where the file holds its current."""
     group = file.get("srcs/src1/excitation")
-    if not isinstance(group, h5py.Group) or "samples" not in group:
+    if not _is_group(group) or "samples" not in group or group.attrs.get("Units") != "A":
         return None
-    if group.attrs.get("Units") != "A":
-        return None
-    samples = _numbers(group["samples"], limit)
-    length = group.attrs.get("SpatialScale", 1.0)
-    return Excitation(samples, float(group.attrs.get("TimeSampleOffset", 0.0)), float(length))
+    start, length = group.attrs.get("TimeSampleOffset", 0.0), group.attrs.get("SpatialScale", 1.0)
+    return Excitation(_numbers(group["samples"], limit), float(start), float(length))
 
 
 def _receiver(group: Any, steps: int, path: Path, limit: int) -> GprmaxReceiver:
@@ -265,7 +258,7 @@ def _receiver(group: Any, steps: int, path: Path, limit: int) -> GprmaxReceiver:
             )
         fields[name] = _numbers(group[name], limit)
     position = floats(_attribute(group, "Position", path))
-    return GprmaxReceiver(attribute_text(group.attrs.get("Name", group.name)), position, fields)
+    return GprmaxReceiver(attribute_text(group, "Name", group.name), position, fields)
 
 
 def fourier_integral(
@@ -325,19 +318,20 @@ def pulse(kind: str, frequency: float, time: ArrayLike) -> FloatArray:
     if kind == "ricker":
         width = (np.pi * frequency) ** 2
         late = t - np.sqrt(2) / frequency
-        return np.asarray((1 - 2 * width * late**2) * np.exp(-width * late**2))
+        return floats((1 - 2 * width * late**2) * np.exp(-width * late**2))
     width = 2 * (np.pi * frequency) ** 2
     late = t - 1 / frequency
     bell = np.exp(-width * late**2)
-    if kind == "gaussian":
-        return np.asarray(bell)
-    if kind == "gaussiandot":
-        return np.asarray(-2 * width * late * bell)
-    if kind == "gaussiandotnorm":
-        return np.asarray(-np.sqrt(2 * width * np.exp(1.0)) * late * bell)
-    raise ValueError(
-        f"the waveform must be gaussian, gaussiandot, gaussiandotnorm or ricker, got {kind!r}"
-    )
+    factors = {
+        "gaussian": 1.0,
+        "gaussiandot": -2 * width * late,
+        "gaussiandotnorm": -np.sqrt(2 * width * np.exp(1.0)) * late,
+    }
+    if kind not in factors:
+        raise ValueError(
+            f"the waveform must be gaussian, gaussiandot, gaussiandotnorm or ricker, got {kind!r}"
+        )
+    return floats(factors[kind] * bell)
 
 
 def merged_fields(file: Any) -> dict[str, tuple[int, int]]:
@@ -359,8 +353,8 @@ def merged_fields(file: Any) -> dict[str, tuple[int, int]]:
     shapes = {}
     for group in _numbered(file, "rxs"):
         for name in _FIELDS:
-            item = group.get(name)
-            if isinstance(item, h5py.Dataset) and len(item.shape) == 2:
-                steps, traces = item.shape
-                shapes[f"{group.name.lstrip('/')}/{name}"] = (int(steps), int(traces))
+            shape = getattr(group.get(name), "shape", ())
+            if len(shape) == 2:
+                steps, traces = map(int, shape)
+                shapes[f"{group.name.lstrip('/')}/{name}"] = (steps, traces)
     return shapes

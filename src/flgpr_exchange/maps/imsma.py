@@ -57,28 +57,27 @@ def imsma_table(points: pd.DataFrame, organisation: str = "") -> pd.DataFrame:
     DataFrame
         The columns of :data:`IMSMA_COLUMNS`, a row for each alarm.
     """
-    count = len(points)
-    table = pd.DataFrame(index=range(count))
-    table["id"] = _ids(points)
-    table["latitude"] = points["latitude"].round(8)
-    table["longitude"] = points["longitude"].round(8)
-    table["coordinate_system"] = points["crs"]
-    table["position_accuracy_m"] = points["anchor_sigma"].round(3)
-    table["date"] = points["time"]
-    table["status"] = STATUS
-    table["evidence_type"] = EVIDENCE
-    table["device_category"] = ""
-    if "kind" in points:
-        table["device_category"] = points["kind"].fillna("").astype(str)
-    table["device_model"] = ""
-    table["device_condition"] = ""
-    table["depth_m"] = points.get("depth", np.nan)
-    table["confidence"] = points["confidence"]
-    table["organisation"] = organisation
-    table["operational_method"] = METHOD
-    table["source"] = points["processing_id"] + f", flgpr {__version__}"
-    table["remarks"] = STATEMENT
-    return table
+    kinds = points["kind"].fillna("").astype(str) if "kind" in points else ""
+    columns = {
+        "id": _ids(points),
+        "latitude": points["latitude"].round(8),
+        "longitude": points["longitude"].round(8),
+        "coordinate_system": points["crs"],
+        "position_accuracy_m": points["anchor_sigma"].round(3),
+        "date": points["time"],
+        "status": STATUS,
+        "evidence_type": EVIDENCE,
+        "device_category": kinds,
+        "device_model": "",
+        "device_condition": "",
+        "depth_m": points.get("depth", np.nan),
+        "confidence": points["confidence"],
+        "organisation": organisation,
+        "operational_method": METHOD,
+        "source": points["processing_id"] + f", flgpr {__version__}",
+        "remarks": STATEMENT,
+    }
+    return pd.DataFrame(columns, index=range(len(points)))
 
 
 def _ids(points: pd.DataFrame) -> list[str]:

@@ -7,7 +7,6 @@ not thereby free of hazards.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +21,10 @@ from flgpr.store.extras import optional
 from flgpr.store.files import write_whole
 from flgpr.store.outputs import atomic_output
 from flgpr.store.tables import json_value
-from flgpr.types import FloatArray
+from flgpr.types import Entries, FloatArray
 from flgpr_exchange.documents import document
 
-_KEYS = {"alarms": "alarm_id", "truth": "target_id", "objects": "object_id"}
+_KEYS = ("alarm_id", "target_id", "object_id")
 
 
 def write_kml(points: pd.DataFrame, path: str | Path, title: str) -> None:
@@ -74,21 +73,14 @@ def write_gpx(points: pd.DataFrame, path: str | Path) -> None:
     )
 
 
-def _marks(points: pd.DataFrame) -> list[dict[str, Any]]:
+def _marks(points: pd.DataFrame) -> list[Entries]:
     """Return points with their names, and with their values as JSON has them."""
     marks = []
-    for number, row in enumerate(points.to_dict("records")):
+    for number, row in enumerate(points.to_dict("records"), start=1):
         entries = {str(name): json_value(value) for name, value in row.items()}
-        marks.append({"name": _name_of(row, number), "row": row, "entries": entries})
+        names = [row[key] for key in _KEYS if isinstance(row.get(key), str)]
+        marks.append({"name": names[0] if names else f"{number}", "row": row, "entries": entries})
     return marks
-
-
-def _name_of(row: Mapping[Any, Any], number: int) -> str:
-    """Return the name of a point, or its number from 1 if it has none."""
-    for key in _KEYS.values():
-        if isinstance(row.get(key), str):
-            return str(row[key])
-    return f"{number + 1}"
 
 
 def write_geopackage(points: pd.DataFrame, path: str | Path, layer: str) -> None:
@@ -167,11 +159,5 @@ def corners(lane: Lane) -> FloatArray:
     (4, 3) ndarray of float
         Corners in the lane frame, m.
     """
-    return np.array(
-        [
-            [lane.x_min, lane.y_min, 0.0],
-            [lane.x_max, lane.y_min, 0.0],
-            [lane.x_max, lane.y_max, 0.0],
-            [lane.x_min, lane.y_max, 0.0],
-        ]
-    )
+    places = [(x, y, 0.0) for y in (lane.y_min, lane.y_max) for x in (lane.x_min, lane.x_max)]
+    return np.array(places)[[0, 1, 3, 2]]

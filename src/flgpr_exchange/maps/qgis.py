@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 from pyproj import CRS
 
-from flgpr.types import ArrayLike, FloatArray, floats
+from flgpr.types import ArrayLike, floats
 from flgpr_exchange.documents import document
 
 #: colours of viridis, evenly spaced
@@ -152,7 +152,14 @@ def graduated(column: str, values: ArrayLike) -> Graduated:
     Graduated
         The style.
     """
-    edges = _class_edges(floats(values))
+    numbers = floats(values)
+    finite = numbers[np.isfinite(numbers)]
+    edges = np.zeros(2)
+    if finite.size:
+        # Of as many values each.
+        edges = np.unique(np.quantile(finite, np.linspace(0, 1, _CLASSES + 1)))
+    if edges.size == 1:
+        edges = np.append(edges, edges)
     classes = []
     for number, (low, high) in enumerate(pairwise(edges.tolist()), start=1):
         share = number / (edges.size - 1)
@@ -161,18 +168,6 @@ def graduated(column: str, values: ArrayLike) -> Graduated:
         label = f"{low:.3g} to {high:.3g}"
         classes.append(Range(low, high, label, _components(colour), f"{size:.2g}"))
     return Graduated(column, classes)
-
-
-def _class_edges(values: FloatArray) -> FloatArray:
-    """Return the edges of classes of as many finite values each, at least two edges."""
-    finite = values[np.isfinite(values)]
-    if not finite.size:
-        return np.zeros(2)
-    shares = np.linspace(0, 1, _CLASSES + 1)
-    edges = np.unique(np.quantile(finite, shares))
-    if edges.size == 1:
-        return np.append(edges, edges[-1])
-    return edges
 
 
 def by_kind(kinds: Iterable[str], colour: str) -> ByKind:

@@ -10,20 +10,20 @@ import hashlib
 import math
 import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.door import MOST_JSON, Folder, read_named
-from flgpr.formats.array_file import ArrayFile, ArrayInfo
+from flgpr.formats.array_file import ArrayFile, ArrayInfo, from_memory
 from flgpr.formats.reader import Reader
 from flgpr.json_text import MOST_VALUES, parse_json
-from flgpr.types import AnyArray, Arrays, FloatArray, IntArray
+from flgpr.types import AnyArray, Arrays, Entries, FloatArray, Notes
 
 VERSION = "1.2.5"
 """Version of the specification that is written."""
@@ -33,7 +33,7 @@ DATA = ".sigmf-data"
 """Ending of a file of samples."""
 NAMESPACE = "flgpr"
 """Extension whose entries hold what a run has besides samples, see ``flgpr.sigmf-ext.md``."""
-_DATATYPE = re.compile(r"([cr])(?:(i8|u8)|(f32|f64|i32|i16|u32|u16)_(le|be))")
+_DATATYPE = r"([cr])(?:(i8|u8)|(f32|f64|i32|i16|u32|u16)_(le|be))"
 _LARGEST = 2**63 - 1
 _MOST_NAMES = 1000  # of entries in one part of the metadata
 _MOST_TEXT = 2**22  # characters of an array of text
@@ -76,10 +76,20 @@ class _Samples:
     is_complex: bool
     number: np.dtype[Any]  #: type of a real number in the file
     channels: int
-    count: int  #: samples of each channel
     #: sample at which a header begins, and its bytes, in rising order
-    headers: tuple[tuple[int, int], ...]
+    headers: list[tuple[int, int]]
+    length: int  #: bytes of all samples
     sha512: str  #: digest that the metadata state, empty if none
+
+    @property
+    def width(self) -> int:
+        """The bytes that a sample of all channels takes in the file."""
+        return self.number.itemsize * (1 + self.is_complex) * self.channels
+
+    @property
+    def count(self) -> int:
+        """Samples of each channel."""
+        return self.length // self.width
 
     @property
     def value(self) -> np.dtype[Any]:
@@ -129,7 +139,7 @@ class SigmfRecording:
         If one of the files is missing.
     """
 
-    def __init__(self, path: Path, limit: int, notes: list[str]) -> None:
+    def __init__(self, path: Path, limit: int, notes: Notes) -> None:
         self._limit = limit
         self._notes = notes
         self._folder = Folder(path.parent)
@@ -139,10 +149,30 @@ class SigmfRecording:
         )
         self._global = _object(content.get("global"), "global")
         self._captures = _objects(content.get("captures"), "captures")
-        _check_version(self._global)
-        self._note_extensions()
-        self._samples = self._find_samples(meta, path)
-        self._starts = self._find_captures()
+        rule = f"such as {VERSION}"
+        version = _matched(self._global, "core:version", r"(?s)(\d{1,3})\.\d.*", rule)
+        if int(version[1]) > 1:
+            raise ValueError(f"core:version must be at most 1.x, got {version[0]:.100}")
+        names = []
+        for extension in _objects(self._global.get("core:extensions", []), "core:extensions"):
+            name = str(extension.get("name"))
+            if extension.get("optional") is False and name != NAMESPACE:
+                names.append(f"{name!r:.50}")
+        if names:
+            notes.append(
+                f"the metadata ask for extensions that are not known: {', '.join(names[:9])}; "
+                "samples are read by the core alone"
+            )
+        starts = self._starts_of_captures()
+        self._samples = self._find_samples(meta, path, starts)
+        if starts != sorted(starts):
+            raise ValueError("captures must be sorted by core:sample_start, they are not")
+        used = [start for start in starts if start < self._samples.count]
+        ignored = len(starts) - len(used)
+        if ignored:
+            notes.append(f"{ignored} captures begin after the last sample and are ignored")
+            self._captures = self._captures[: len(used)]
+        self._starts = used or [0]
         self._arrays: Arrays = {}
         self._of_sweeps: Arrays = {}
         self._units: dict[str, str] = {}
@@ -152,8 +182,10 @@ class SigmfRecording:
         annotations = _objects(content.get("annotations", []), "annotations")
         self._take_entries("annotations", annotations)
         self._take_times_and_places()
-        self._segment = self._segment_length()
-        self._sweep = self._sweep_length()
+        lengths = np.diff([*self._starts, self._samples.count])
+        is_even = len(lengths) > 1 and self._starts[0] == 0 and len(set(lengths)) == 1
+        self._segment = int(lengths[0]) if is_even else 0  # samples of each capture; 0 if uneven
+        self._sweep = self._sweep_length() if is_even else 0
 
     @property
     def lines(self) -> list[str]:
@@ -174,39 +206,37 @@ class SigmfRecording:
         return lines + self._unread
 
     @property
-    def arrays(self) -> list[ArrayInfo]:
-        """The arrays, those of samples first."""
+    def arrays(self) -> dict[str, ArrayInfo]:
+        """The arrays by their names, those of samples first."""
         samples = self._samples
         kind = str(samples.value)
-        shape = samples.shape
-        infos: list[ArrayInfo] = []
+        infos = {}
         if self._segment:
-            captures = len(self._starts)
-            infos.append(ArrayInfo("segments", (captures, self._segment, *shape[1:]), kind))
+            infos["segments"] = ArrayInfo("segments", self._shape_of_segments(), kind)
         if self._sweep:
-            sweeps = len(self._starts) // self._sweep
+            shape = (len(self._starts) // self._sweep, self._sweep, *samples.shape[1:])
             mean_kind = kind if samples.is_complex else "float64"
-            infos.append(ArrayInfo("sweeps", (sweeps, self._sweep, *shape[1:]), mean_kind))
-        infos.append(ArrayInfo("samples", shape, kind))
+            infos["sweeps"] = ArrayInfo("sweeps", shape, mean_kind)
+        infos["samples"] = ArrayInfo("samples", samples.shape, kind)
         # Those of sweeps before those of captures, so that a draft tries them first.
-        for name, values in (self._of_sweeps | self._arrays).items():
-            unit = self._units.get(name, "")
-            infos.append(ArrayInfo(name, values.shape, str(values.dtype), unit))
-        return infos
+        return infos | from_memory(self._of_sweeps | self._arrays, self._units)[0]
+
+    def _shape_of_segments(self) -> tuple[int, ...]:
+        """Return the shape of the samples by captures of equal length."""
+        return (len(self._starts), self._segment, *self._samples.shape[1:])
 
     def read(self, name: str) -> AnyArray:
         """Read one of ``arrays``; samples whose digest is another than stated are a ValueError."""
-        for arrays in (self._of_sweeps, self._arrays):
-            if name in arrays:
-                return arrays[name]
+        in_memory = self._of_sweeps | self._arrays
+        if name in in_memory:
+            return in_memory[name]
         samples = self._read_samples()
         if name == "samples":
             return samples
-        segments = samples.reshape(len(self._starts), self._segment, *samples.shape[1:])
+        segments = samples.reshape(self._shape_of_segments())
         if name == "segments":
             return segments
-        sweeps = len(self._starts) // self._sweep
-        segments = segments[: sweeps * self._sweep]
+        segments = segments[: len(segments) // self._sweep * self._sweep]
         # Sums over a segment lose digits in single precision.
         if self._samples.is_complex:
             means = segments.mean(axis=1, dtype=np.complex128).astype(segments.dtype)
@@ -214,101 +244,76 @@ class SigmfRecording:
             means = segments.mean(axis=1, dtype=np.float64)
         return means.reshape(-1, self._sweep, *samples.shape[1:])
 
-    def _find_samples(self, meta: Path, path: Path) -> _Samples:
+    def _find_samples(self, meta: Path, path: Path, starts: list[int]) -> _Samples:
         """Return how the samples lie, by the metadata and the size of their file."""
-        if self._global.get("core:metadata_only") is True:
+        entries = self._global
+        if entries.get("core:metadata_only") is True:
             raise ValueError("core:metadata_only: it is metadata alone, without samples")
-        name = self._global.get("core:dataset", f"{meta.stem}{DATA}")
+        name = entries.get("core:dataset", f"{meta.stem}{DATA}")
         if not isinstance(name, str) or "/" in name:
             raise ValueError(
                 f"core:dataset must be the name of a file beside the metadata, got {name!r:.200}"
             )
         if path != meta and name != path.name:
             raise ValueError(f"its metadata {meta.name} are of another file, {name!r:.200}")
-        is_complex, number = _sample_type(self._global.get("core:datatype"))
-        channels = _count(self._global, "core:num_channels", 1, least=1)
-        trailing = _count(self._global, "core:trailing_bytes", 0)
-        headers = []
-        for capture in self._captures:
-            header = _count(capture, "core:header_bytes", 0)
-            if header:
-                headers.append((self._start(capture), header))
+        letter, byte, word, order = _matched(
+            entries,
+            "core:datatype",
+            _DATATYPE,
+            "such as cf32_le, ci16_be, ri16_le or cu8, with the byte order of numbers of more "
+            "than one byte",
+        ).groups()
+        kind = byte or word
+        number = np.dtype(f"{'>' if order == 'be' else '<'}{kind[0]}{int(kind[1:]) // 8}")
+        channels = _count(entries, "core:num_channels", 1, least=1)
+        trailing = _count(entries, "core:trailing_bytes", 0)
+        sizes = [_count(capture, "core:header_bytes", 0) for capture in self._captures]
+        digits = "128 hexadecimal digits"
+        digest = _matched(entries, "core:sha512", r"([0-9a-fA-F]{128})?", digits, "")[0].lower()
         with self._folder.open(name, self._limit) as file:
             size = file.seek(0, os.SEEK_END)
 
-        length = size - trailing - sum(header for _, header in headers)
-        width = _width(number, is_complex, channels)
-        if length <= 0 or length % width:
+        headers = [(start, bytes_) for start, bytes_ in zip(starts, sizes, strict=True) if bytes_]
+        length = size - trailing - sum(sizes)
+        samples = _Samples(name, size, letter == "c", number, channels, headers, length, digest)
+        if length <= 0 or length % samples.width:
             raise ValueError(
-                f"{name} must hold samples of {width} bytes each by core:datatype and "
+                f"{name} must hold samples of {samples.width} bytes each by core:datatype and "
                 f"core:num_channels, got {max(length, 0)} bytes: is it cut off?"
             )
-        count = length // width
         if number.kind == "u":
             self._notes.append(
                 f"samples are taken as stored: the midpoint of unsigned {number.name} is not "
                 "subtracted"
             )
-        return _Samples(
-            name,
-            size,
-            is_complex,
-            number,
-            channels,
-            count,
-            tuple(headers),
-            self._digest(),
-        )
+        return samples
 
-    def _start(self, capture: Mapping[str, Any]) -> int:
-        """Return the first sample of a capture, counted from the beginning of the file."""
+    def _starts_of_captures(self) -> list[int]:
+        """Return the first sample of each capture, counted from the beginning of the file."""
         offset = _count(self._global, "core:offset", 0)
-        start = _count(capture, "core:sample_start", None) - offset
-        if start < 0:
-            raise ValueError(
-                f"core:sample_start must be at least core:offset {offset}, got {start + offset}"
-            )
-        return start
-
-    def _digest(self) -> str:
-        """Return the digest of the samples that is stated, in small letters; empty if none."""
-        digest = self._global.get("core:sha512", "")
-        if not isinstance(digest, str) or not re.fullmatch(r"([0-9a-fA-F]{128})?", digest):
-            raise ValueError(f"core:sha512 must be 128 hexadecimal digits, got {digest!r:.200}")
-        return digest.lower()
-
-    def _find_captures(self) -> IntArray:
-        """Return the first sample of every capture (capture,), and keep those that have any."""
-        starts = [self._start(capture) for capture in self._captures]
-        if starts != sorted(starts):
-            raise ValueError("captures must be sorted by core:sample_start, they are not")
-        used = [start for start in starts if start < self._samples.count]
-        ignored = len(starts) - len(used)
-        if ignored:
-            self._notes.append(f"{ignored} captures begin after the last sample and are ignored")
-            self._captures = self._captures[: len(used)]
-        return np.array(used or [0], dtype=np.int64)
+        starts = [_count(capture, "core:sample_start", None) for capture in self._captures]
+        for start in starts:
+            if start < offset:
+                raise ValueError(
+                    f"core:sample_start must be at least core:offset {offset}, got {start}"
+                )
+        return [start - offset for start in starts]
 
     def _take_entries(self, scope: str, objects: Sequence[Mapping[str, Any]]) -> None:
         """Take the numbers, lists and texts of the metadata as arrays."""
-        excluded = set(_ELSEWHERE)
-        if scope == "global":
-            excluded |= set(_OF_THE_FILE)
-        names: dict[str, None] = {}  # in the order of their first appearance
-        for entries in objects:
-            names |= dict.fromkeys(entries)
+        excluded = {*_ELSEWHERE, *(_OF_THE_FILE if scope == "global" else ())}
+        # In the order of their first appearance.
+        names = dict.fromkeys(key for entries in objects for key in entries)
         keys = [key for key in names if key not in excluded]
         # Every name takes a value of every object, also where most do not have it.
-        most_by_memory = MOST_VALUES // max(len(objects), 1)
-        most = min(_MOST_NAMES, max(most_by_memory, 1))
+        most = min(_MOST_NAMES, max(MOST_VALUES // max(len(objects), 1), 1))
         if len(keys) > most:
             self._unread.append(
                 f"{scope}: {len(keys) - most} names after the first {most}: not read"
             )
         for key in keys[:most]:
             name = f"{scope}/{key.removeprefix('core:')}"
-            column = [entries.get(key) for entries in objects]
-            values = _column_of(column)
+            values = _column_of([entries.get(key) for entries in objects])
             if values is None:
                 self._unread.append(
                     f"{name!r:.{_LONGEST_LINE}}: not read: no numbers or short texts"
@@ -324,8 +329,7 @@ class SigmfRecording:
             seconds = np.array([_seconds(str(text)) for text in times])
             self._arrays["captures/time"] = seconds
             self._units["captures/time"] = "s"
-            stated = seconds[times != ""]
-            self._note_bad("core:datetime", int(np.isnan(stated).sum()))
+            self._note_bad("core:datetime", int(np.isnan(seconds[times != ""]).sum()))
 
         places = np.full((len(self._captures), len(_PLACE)), np.nan)
         bad = 0
@@ -337,9 +341,9 @@ class SigmfRecording:
                 row[: coordinates.size] = coordinates
                 bad += not coordinates.size
         self._note_bad("core:geolocation", bad)
-        for number, name in enumerate(_PLACE):
-            if np.isfinite(places[:, number]).any():
-                self._arrays[f"captures/{name}"] = places[:, number]
+        for name, values in zip(_PLACE, places.T, strict=True):
+            if np.isfinite(values).any():
+                self._arrays[f"captures/{name}"] = values
                 self._units[f"captures/{name}"] = "m" if name == "height" else "deg"
 
     def _note_bad(self, key: str, count: int) -> None:
@@ -347,56 +351,29 @@ class SigmfRecording:
         if count:
             self._notes.append(f"{key} of {count} captures cannot be understood and is not used")
 
-    def _note_extensions(self) -> None:
-        """Note the extensions that a reader must know by the metadata, and this one does not."""
-        names = []
-        for extension in _objects(self._global.get("core:extensions", []), "core:extensions"):
-            name = str(extension.get("name"))
-            if extension.get("optional") is False and name != NAMESPACE:
-                names.append(f"{name!r:.50}")
-        if names:
-            self._notes.append(
-                f"the metadata ask for extensions that are not known: {', '.join(names[:9])}; "
-                "samples are read by the core alone"
-            )
-
-    def _segment_length(self) -> int:
-        """Return how many samples each of several captures has; 0 if they differ in it."""
-        edges = np.append(self._starts, self._samples.count)
-        lengths = np.diff(edges)
-        if len(lengths) < 2 or edges[0] != 0 or (lengths != lengths[0]).any():
-            return 0
-        return int(lengths[0])
-
     def _sweep_length(self) -> int:
         """Return how many captures of equal length make a sweep; 0 if none do.
 
         It adds the tones, and the entries of the first capture of every sweep, to the arrays.
         """
         frequency = self._arrays.get("captures/frequency")
-        if not self._segment or frequency is None:
-            return 0
-        is_list = frequency.ndim == 1 and frequency.dtype.kind in "iuf"
-        if not is_list or not np.isfinite(frequency).all():
+        if frequency is None or frequency.ndim != 1 or frequency.dtype.kind not in "iuf":
             return 0
         # A sweep ends where the first tone comes again.
         again = np.flatnonzero(frequency[1:] == frequency[0])
         tones = int(again[0]) + 1 if again.size else frequency.size
-        if tones < 2:
-            return 0
         used = frequency.size // tones * tones
-        table = frequency[:used].reshape(-1, tones)
-        last = frequency[used:]
-        sweeps_differ = (table != table[0]).any()
-        last_differs = (last != table[0, : last.size]).any()
-        if sweeps_differ or last_differs:
+        sweep = frequency[:tones]
+        # The last sweep may be cut off; a tone that is not finite is in none.
+        are_alike = (np.resize(sweep, frequency.size) == frequency).all()
+        if tones < 2 or not are_alike or not np.isfinite(sweep).all():
             return 0
-        if last.size:
+        if used < frequency.size:
             self._notes.append(
-                f"the last {last.size} captures are no complete sweep of {tones} tones: "
-                "sweeps leaves them out"
+                f"the last {frequency.size - used} captures are no complete sweep of {tones} "
+                "tones: sweeps leaves them out"
             )
-        self._of_sweeps["tones"] = table[0]
+        self._of_sweeps["tones"] = sweep
         self._units["tones"] = "Hz"
         for name, values in self._arrays.items():
             scope, _, key = name.partition("/")
@@ -418,46 +395,29 @@ class SigmfRecording:
             length = file.readinto(content)
         if length != samples.size:
             raise ValueError(f"{samples.name} must stay as it is while it is read")
-        if samples.sha512 and hashlib.sha512(content).hexdigest() != samples.sha512:
-            raise ValueError(
-                f"{samples.name} differs from what its metadata state: its SHA-512 is another"
-            )
-        note = "the SHA-512 of the samples is that of the metadata"
-        if not samples.sha512:
-            note = "the metadata state no SHA-512 of the samples: they are not checked"
+        note = "the metadata state no SHA-512 of the samples: they are not checked"
+        if samples.sha512:
+            note = "the SHA-512 of the samples is that of the metadata"
+            if hashlib.sha512(content).hexdigest() != samples.sha512:
+                raise ValueError(
+                    f"{samples.name} differs from what its metadata state: its SHA-512 is another"
+                )
         if note not in self._notes:
             self._notes.append(note)
-        width = _width(samples.number, samples.is_complex, samples.channels)
-        length = samples.count * width
-        content = _without_headers(content, samples.headers, width, length)
-        numbers = np.frombuffer(content, samples.number, length // samples.number.itemsize)
+        if samples.headers:
+            parts = []
+            begin = passed = 0  # bytes; a header comes before its sample
+            for start, header in samples.headers:
+                end = start * samples.width + passed
+                parts.append(content[begin:end])
+                begin = end + header
+                passed += header
+            content = bytearray().join([*parts, content[begin:]])
+        numbers = np.frombuffer(content, samples.number, samples.length // samples.number.itemsize)
         if samples.is_complex:
             component: Any = np.float32 if samples.value == np.complex64 else np.float64
             numbers = numbers.astype(component, copy=False).view(samples.value)
         return numbers.astype(samples.value, copy=False).reshape(samples.shape)
-
-
-def _width(number: np.dtype[Any], is_complex: bool, channels: int) -> int:
-    """Return the bytes that a sample of all channels takes in the file."""
-    numbers = 2 if is_complex else 1
-    return number.itemsize * numbers * channels
-
-
-def _without_headers(
-    content: bytearray, headers: Iterable[tuple[int, int]], width: int, length: int
-) -> bytearray:
-    """Return the bytes of the samples alone; a header comes before its sample."""
-    removed = bytearray()
-    position = 0
-    taken = 0
-    for start, header in headers:
-        end = position + start * width - taken
-        removed += content[position:end]
-        taken = start * width
-        position = end + header
-    if not taken and not position:
-        return content
-    return removed + content[position : position + length - taken]
 
 
 def _printable(text: str) -> str:
@@ -470,43 +430,29 @@ def _refuse_constant(name: str) -> None:
     raise ValueError(f"metadata must be JSON, which has no {name}")
 
 
-def _object(value: Any, name: str) -> dict[str, Any]:
+def _object(value: Any, name: str) -> Entries:
     """Return an object of the metadata; anything else is a ValueError."""
     if not isinstance(value, dict):
         raise ValueError(f"{name} must be an object, got {value!r:.100}")
     return value
 
 
-def _objects(value: Any, name: str) -> list[dict[str, Any]]:
+def _objects(value: Any, name: str) -> list[Entries]:
     """Return a list of objects of the metadata; anything else is a ValueError."""
     if not isinstance(value, list):
         raise ValueError(f"{name} must be a list of objects, got {value!r:.100}")
     return [_object(entry, f"each of {name}") for entry in value]
 
 
-def _check_version(content: Mapping[str, Any]) -> None:
-    """Refuse metadata of a later major version, or of none."""
-    version = content.get("core:version")
-    number = re.match(r"(\d{1,3})\.\d", version) if isinstance(version, str) else None
-    if number is None:
-        raise ValueError(f"core:version must be such as {VERSION}, got {version!r:.100}")
-    if int(number[1]) > 1:
-        raise ValueError(f"core:version must be at most 1.x, got {version:.100}")
-
-
-def _sample_type(datatype: Any) -> tuple[bool, np.dtype[Any]]:
-    """Return whether samples are complex, and the type of their numbers in the file."""
-    matched = _DATATYPE.fullmatch(datatype) if isinstance(datatype, str) else None
+def _matched(
+    entries: Mapping[str, Any], key: str, pattern: str, rule: str, default: str | None = None
+) -> re.Match[str]:
+    """Return the match of a text of the metadata; one that does not match is a ValueError."""
+    value = entries.get(key, default)
+    matched = re.fullmatch(pattern, value) if isinstance(value, str) else None
     if matched is None:
-        raise ValueError(
-            "core:datatype must be such as cf32_le, ci16_be, ri16_le or cu8, with the byte order "
-            f"of numbers of more than one byte, got {datatype!r:.100}"
-        )
-    letter, byte, word, order = matched.groups()
-    kind = byte or word
-    size = int(kind[1:]) // 8
-    mark = ">" if order == "be" else "<"
-    return letter == "c", np.dtype(f"{mark}{kind[0]}{size}")
+        raise ValueError(f"{key} must be {rule}, got {value!r:.200}")
+    return matched
 
 
 def _count(content: Mapping[str, Any], key: str, default: int | None, least: int = 0) -> int:
@@ -528,7 +474,13 @@ def _column_of(column: list[Any]) -> AnyArray | None:
     # Looked at before NumPy is: a text among numbers would give every row the room of the text.
     leaves = _leaves(present)
     if leaves and all(isinstance(leaf, str) for leaf in leaves):
-        return _texts_of(column, leaves)
+        # NumPy gives every text the room of the longest.
+        if max(map(len, leaves)) * max(len(leaves), len(column)) > _MOST_TEXT:
+            return None
+        rows = ["" if value is None else value for value in column]
+        with suppress(ValueError):
+            return np.array(rows, dtype=np.str_)
+        return None
     if not all(isinstance(leaf, int | float) and not isinstance(leaf, bool) for leaf in leaves):
         return None
     if not any(isinstance(value, list) for value in present):
@@ -555,20 +507,6 @@ def _leaves(values: list[Any]) -> list[Any]:
     return leaves
 
 
-def _texts_of(column: list[Any], texts: list[str]) -> NDArray[np.str_] | None:
-    """Return texts, or lists of equally many texts, as an array; None where they are too large."""
-    # NumPy gives every text the room of the longest.
-    longest = max(len(text) for text in texts)
-    count = max(len(texts), len(column))
-    if longest * count > _MOST_TEXT:
-        return None
-    rows = ["" if value is None else value for value in column]
-    try:
-        return np.array(rows, dtype=np.str_)
-    except ValueError:
-        return None
-
-
 def _seconds(text: str) -> float:
     """Return a time of ISO 8601 with a time zone in s since 1970; NaN where it is none."""
     try:
@@ -584,9 +522,9 @@ def _coordinates(point: Any) -> FloatArray:
     There are none where it is no such point.
     """
     values = point.get("coordinates") if isinstance(point, dict) else None
-    if not isinstance(values, list) or not 2 <= len(values) <= len(_PLACE):
-        return np.empty(0)
-    coordinates = _column_of(values)
+    coordinates = None
+    if isinstance(values, list) and 2 <= len(values) <= len(_PLACE):
+        coordinates = _column_of(values)
     if coordinates is None or coordinates.ndim != 1 or coordinates.dtype.kind not in "iuf":
         return np.empty(0)
     return coordinates.astype(np.float64)
@@ -611,10 +549,9 @@ class SigmfReader(Reader):
 
     def open_arrays(self, path: Path, limit: int) -> ArrayFile:
         """Open samples, sweeps and the numbers of the metadata."""
-        notes: list[str] = []
+        notes: Notes = []
         recording = SigmfRecording(path, limit, notes)
-        arrays = {array.name: array for array in recording.arrays}
-        about = recording.lines
+        arrays, about = recording.arrays, recording.lines
         opened = ArrayFile(path, self.kind, arrays, recording.read, limit, about, notes)
         if "sweeps" in arrays:
             opened.signal = "sweeps"

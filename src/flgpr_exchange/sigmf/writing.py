@@ -20,6 +20,7 @@ from flgpr.model.printable import printable
 from flgpr.store.notes import log_note
 from flgpr.store.outputs import atomic_output
 from flgpr.toml_text import toml_value
+from flgpr.types import Entries
 from flgpr_exchange.sigmf.reading import DATA, META, NAMESPACE, VERSION
 
 if TYPE_CHECKING:
@@ -110,10 +111,17 @@ def write_sigmf(
     left_out = sorted(str(name) for name in run.attrs if name not in _IN_MAPPING)
     captures = _captures(run, anchor, time)
     _check_readable(_metadata(run, captures, digest="0" * _SHA512_DIGITS), len(captures))
+    digest = hashlib.sha512()
     with atomic_output(folder) as partial:
         partial.mkdir()
-        digest = _write_samples(run, partial / f"{folder.name}{DATA}")
-        metadata = _metadata(run, captures, digest)
+        with (partial / f"{folder.name}{DATA}").open("wb") as file:
+            for scan in range(run.sizes["scan"]):
+                signal = run["signal"].isel(scan=scan)
+                by_sample = signal.transpose("frequency", "polarization", "pair").values
+                data = by_sample.astype("<c8").tobytes()
+                digest.update(data)
+                file.write(data)
+        metadata = _metadata(run, captures, digest.hexdigest())
         (partial / f"{folder.name}{META}").write_bytes(metadata)
         mapping = _mapping(run, folder.name)
         (partial / f"{folder.name}.toml").write_text(mapping, encoding="utf-8")
@@ -125,7 +133,7 @@ def write_sigmf(
     return folder
 
 
-def _metadata(run: xr.Dataset, captures: list[dict[str, Any]], digest: str) -> bytes:
+def _metadata(run: xr.Dataset, captures: list[Entries], digest: str) -> bytes:
     """Return the file of the metadata, JSON without blanks: a capture takes up to 400 bytes."""
     content = {"global": _global(run, digest), "captures": captures, "annotations": []}
     text = json.dumps(content, allow_nan=False, separators=(",", ":"))
@@ -153,22 +161,9 @@ def _rounded(count: float) -> int:
     return int(count) // 10**digits * 10**digits
 
 
-def _write_samples(run: xr.Dataset, path: Path) -> str:
-    """Write the samples scan by scan, and return their SHA-512."""
-    digest = hashlib.sha512()
-    with path.open("wb") as file:
-        for scan in range(run.sizes["scan"]):
-            signal = run["signal"].isel(scan=scan)
-            by_sample = signal.transpose("frequency", "polarization", "pair").values
-            data = by_sample.astype("<c8").tobytes()
-            digest.update(data)
-            file.write(data)
-    return digest.hexdigest()
-
-
-def _global(run: xr.Dataset, digest: str) -> dict[str, Any]:
+def _global(run: xr.Dataset, digest: str) -> Entries:
     """Return what the metadata state of the whole recording."""
-    entries: dict[str, Any] = {
+    entries: Entries = {
         "core:datatype": "cf32_le",
         "core:version": VERSION,
         "core:num_channels": run.sizes["polarization"] * run.sizes["pair"],
@@ -181,24 +176,22 @@ def _global(run: xr.Dataset, digest: str) -> dict[str, Any]:
     title = str(run.attrs.get("title", ""))
     if title:
         entries["core:description"] = title
-    entries[f"{NAMESPACE}:polarization"] = [str(label) for label in run["polarization"].values]
+    entries[f"{NAMESPACE}:polarization"] = run["polarization"].values.astype(str).tolist()
     for name in ("frequency", "tx_position", "rx_position"):
         entries[f"{NAMESPACE}:{name}"] = run[name].values.tolist()
     return entries
 
 
-def _captures(
-    run: xr.Dataset, anchor: Anchor | None, time: datetime | None
-) -> list[dict[str, Any]]:
+def _captures(run: xr.Dataset, anchor: Anchor | None, time: datetime | None) -> list[Entries]:
     """Return what the metadata state of every scan."""
     frequency = run["frequency"].values
     center = float(frequency[0] + frequency[-1]) / 2
     poses = run["pose"].values
     times = run["time"].values
-    places = None if anchor is None else anchor.to_geodetic(poses[:, :3])
+    places = None if anchor is None else anchor.to_geodetic(poses[:, :3]).tolist()
     captures = []
-    for scan, pose in enumerate(poses):
-        capture: dict[str, Any] = {
+    for scan, pose in enumerate(poses.tolist()):
+        capture: Entries = {
             "core:sample_start": scan * frequency.size,
             "core:frequency": center,
         }
@@ -206,12 +199,12 @@ def _captures(
         if moment is not None:
             capture["core:datetime"] = moment
         if anchor is not None and places is not None:
-            longitude, latitude, height = places[scan].tolist()
+            longitude, latitude, height = places[scan]
             coordinates = [round(longitude, 9), round(latitude, 9)]
             if anchor.heights_known:
                 coordinates.append(round(height, 4))
             capture["core:geolocation"] = {"type": "Point", "coordinates": coordinates}
-        capture[f"{NAMESPACE}:pose"] = pose.tolist()
+        capture[f"{NAMESPACE}:pose"] = pose
         if math.isfinite(times[scan]):
             capture[f"{NAMESPACE}:time"] = float(times[scan])
         captures.append(capture)
