@@ -86,6 +86,8 @@ def _lines_of_result(result: Result) -> Iterator[str]:
     yield from run.get("searched", {}).get("notes", [])
     if run.get("trained_on_this_run"):
         yield TRAINED_ON_THIS_RUN
+    if "another_array" in run:
+        yield run["another_array"]
     yield from run.get("unlike", {}).get("notes", [])
     yield from run.get("far", {}).get("notes", [])
     yield from run.get("stands_out", {}).get("notes", [])
