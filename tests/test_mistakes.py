@@ -5,6 +5,7 @@ A row is what somebody did, the words of a command or a call from Python, and wh
 
 import re
 import shutil
+import warnings
 import zipfile
 
 import numpy as np
@@ -347,6 +348,27 @@ DOUBTS = {
         f"detect {{in}}/globe.zarr {SMALL} -o {{out}}/a",
         "no scan sees the lane; look at its borders",
     ),
+    "a model of another array": (
+        f"detect {{in}}/wide.zarr {SMALL} --model {{in}}/model -o {{out}}/a",
+        r"trained with another array \(.* GHz, 2 m wide, 2 m high\) .* this run's \(.* 4 m wide",
+    ),
+    "real data": ("check {in}/real.zarr", "Doubtful: signal is real.*import I and Q"),
+    "real data in Python": (
+        lambda _: made(signal=RUN["signal"].values.real),
+        "signal is real.*mirrored path",
+    ),
+    "scans in another order than their poses": (
+        "check {in}/mixed-scans.zarr",
+        "are the scans in the order of their poses",
+    ),
+    "scans and poses in another order": (
+        "check {in}/mixed.zarr",
+        "the course turns round at .*are scans and poses in the order",
+    ),
+    "HH and VV exchanged, which nothing shows": (
+        "check {in}/run.zarr",
+        "not observable .*HH and VV exchanged",
+    ),
     "a model tried on the run it was trained on": (
         f"detect {{in}}/run.zarr {SMALL} --model {{in}}/model -o {{out}}/a",
         "trained on this very run",
@@ -358,11 +380,13 @@ DOUBTS = {
 def said(action, place, output):
     """Do what somebody did; return whether it was refused, and all that was said."""
     if callable(action):
-        try:
-            action(place)
-        except ValueError as error:
-            return True, str(error)
-        return False, ""
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            try:
+                action(place)
+            except ValueError as error:
+                return True, str(error)
+        return False, " ".join(str(one.message) for one in told)
     words = (
         action.replace("{causal}", CAUSAL)
         .replace("{lane}", "--lane {in}/lane.toml -o {out}/a")
@@ -390,6 +414,16 @@ def doubted(place):
     save_run(made(signal=RUN["signal"].values.conj()), place / "conjugated.zarr")
     save_run(posed(in_feet), place / "feet.zarr")
     save_run(posed(on_the_globe), place / "globe.zarr")
+    mixed = np.random.default_rng(0).permutation(RUN.sizes["scan"])
+    signal = RUN["signal"].values
+    save_run(made(signal=signal[mixed]), place / "mixed-scans.zarr")
+    save_run(made(signal=signal[mixed], pose=RUN["pose"].values[mixed]), place / "mixed.zarr")
+    save_run(
+        made(tx_position=2 * RUN["tx_position"].values, rx_position=2 * RUN["rx_position"].values),
+        place / "wide.zarr",
+    )
+    with pytest.warns(UserWarning, match="signal is real"):
+        save_run(made(signal=signal.real), place / "real.zarr")
     flgpr.train([place / "run.zarr"], [place / "truth.csv"], place / "small.toml", place / "model",
                 lanes=[place / "lane.toml"])  # fmt: skip
     return place

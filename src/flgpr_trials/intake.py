@@ -223,7 +223,7 @@ def _doubts(rows: pd.DataFrame, lanes: Mapping[str, Lane], probable_unit: str) -
     near = int((outside & rows["used"]).sum())
     if near:
         doubts.append(
-            f"{near} rows that are used lie outside the lane by less than the halo: "
+            f"Of the rows that are used {near} lie outside the lane by less than the halo: "
             "they can find a mine at its edge, and are no false alarms"
         )
     for doubt in table_doubts(rows.drop(columns=["line", "used"]), "alarms", lanes):

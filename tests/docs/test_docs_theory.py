@@ -1,5 +1,6 @@
 """The theory pages: every figure can be drawn, and the numbers in the text are what the functions give."""
 
+import csv
 import importlib.util
 import re
 from pathlib import Path
@@ -189,8 +190,9 @@ def test_backscatter_in_the_text():
 @pytest.mark.parametrize("site", ["arid-sand", "gravel"])
 def test_backscatter_of_one_scale_and_of_tracks(site, quantities):
     """The table of the clutter's spectrum: four rows of arid sand and two of gravel, and the model fitted to soils."""
-    rows = (THEORY.parent / "physics.md").read_text(encoding="utf-8").splitlines()
-    first = next(i for i, row in enumerate(rows) if row.startswith(f"| {site}, one"))
+    table = THEORY.parent / "physics" / "surface-backscatter.csv"
+    rows = list(csv.reader(table.read_text(encoding="utf-8").splitlines()))
+    first = next(i for i, row in enumerate(rows) if row[0].startswith(f"{site}, one"))
     frequency = np.array([0.44, 0.60, 0.75, 1.05, 2.55]) * 1e9
     sine = np.sin(np.radians(67))
     surface = Scene(site=site).surface
@@ -200,7 +202,7 @@ def test_backscatter_of_one_scale_and_of_tracks(site, quantities):
     wanted = [surface_backscatter(frequency, sine, eps, *known, uneven)[0] for uneven in classes]
     wanted.append(quantities.oh1992(frequency, sine, eps, surface.rms_height)[0])
     for row, want in zip(rows[first:], wanted, strict=False):
-        told = [float(cell) for cell in row.split("|")[2:-1]]
+        told = [float(cell) for cell in row[1:]]
         level = 10 * np.log10(want)
         np.testing.assert_allclose(told[:5], level, atol=0.051)
         assert told[5] == pytest.approx(

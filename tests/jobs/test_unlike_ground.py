@@ -161,7 +161,7 @@ def test_it_is_refused_where_that_is_asked_for(home):
 def test_a_model_of_one_lane_and_one_of_before_say_that_they_cannot_judge(home):
     entries = said(found(home, "other", "one"))
     assert not entries["judged"]
-    assert "on 1 lanes of 3" in entries["notes"][0]
+    assert "on 1 of the 3 lanes" in entries["notes"][0]
     model = load_model(home / "model")
     old = type(model)(model.detector, model.stages, model.notes)
     save_model(old, home / "old")

@@ -222,7 +222,7 @@ def test_a_comparison_is_said_in_plain_words():
 def test_a_model_that_cannot_judge_says_why():
     assert "trained before" in why_not(None)
     few = TrainingGround(lanes=LEAST_LANES - 1)
-    assert f"on {LEAST_LANES - 1} lanes of {LEAST_LANES}" in why_not(few)
+    assert f"on {LEAST_LANES - 1} of the {LEAST_LANES} lanes" in why_not(few)
     (words,) = Comparison(cannot=why_not(few)).notes()
     assert words.startswith("it cannot be judged whether this ground is like the training")
 

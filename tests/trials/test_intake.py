@@ -40,7 +40,9 @@ def test_rows_that_cannot_be_used_are_dropped_with_line_and_reason():
         (11, "confidence is empty"),
     ]
     assert taken.used["y"].tolist() == [10, 30, 50]
-    assert taken.doubts[0].startswith("1 rows that are used lie outside the lane by less than")
+    assert taken.doubts[0].startswith(
+        "Of the rows that are used 1 lie outside the lane by less than"
+    )
 
 
 def test_a_list_without_faults_is_used_as_a_whole_whatever_its_dialect():

@@ -87,8 +87,11 @@ def _lines_of_result(result: Result) -> Iterator[str]:
     if "health" in run:
         yield f"`flgpr check {run['path']}` says what else may be wrong, and what to try"
     for name in ("searched", *_TRUST):
-        if name == "unlike" and run.get("trained_on_this_run"):
-            yield TRAINED_ON_THIS_RUN
+        if name == "unlike":
+            if run.get("trained_on_this_run"):
+                yield TRAINED_ON_THIS_RUN
+            if "another_array" in run:
+                yield run["another_array"]
         yield from run.get(name, {}).get("notes", [])
     page = (result.folder / "report.html").resolve()
     yield f"{len(result.detections[0].alarms)} alarms; report: {page}"

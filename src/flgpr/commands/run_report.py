@@ -23,6 +23,7 @@ from flgpr.model import (
     unambiguous_path,
 )
 from flgpr.model.motion import judge_run, plausible_run
+from flgpr.model.run import REAL, is_real
 from flgpr.recipe.fit import fit_faults
 from flgpr.recipe.schema import Recipe, lane_of, load_recipe, recipe_names
 from flgpr.results.description import describe_run, plausible_poses
@@ -32,6 +33,7 @@ from flgpr.types import FloatArray
 
 PathLike = str | Path
 _WIDEST = 10.0  # m, largest array that a vehicle carries; assumed
+_LOOKED_AT = 8  # scans that tell whether the data are real
 _UNIFORM = 1e-3  # of the step between tones, by which uniform tones may differ; assumed
 _MAP_COLUMNS = 24  # of the map of looks, unless its rows would be more than these:
 _MAP_ROWS = 400
@@ -221,9 +223,9 @@ def _recipe_faults(run: xr.Dataset, recipe: Recipe) -> list[str]:
 
 
 def geometry_doubts(run: xr.Dataset) -> list[str]:
-    """Return warnings of antennas farther apart than on any vehicle, or not above the ground."""
+    """Return warnings of real data, antennas too far apart for a vehicle, or not above the ground."""
     antennas = np.concatenate([run["tx_position"].values, run["rx_position"].values])
-    warnings = []
+    warnings = [REAL] if is_real(run["signal"].variable[:_LOOKED_AT].values) else []
     widest = np.ptp(antennas, axis=0).max()
     if widest > _WIDEST:
         warnings.append(

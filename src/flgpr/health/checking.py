@@ -29,6 +29,7 @@ _DOUBT_ERRORS = 2.5  # standard errors, from where on a lesser gain is one, too
 _DRIFT = (1.0, 0.2)  # dB and rad
 _DRIFT_ERRORS = 3.0  # standard errors that it must have, too
 _GAP = 2.5  # times the usual step
+_TURNING = 0.2  # share of the scans at which the course turns round; a survey to and fro has few
 _AROUND = 9  # steps whose median is the usual one
 _SPOILT = (
     "noise",
@@ -43,7 +44,7 @@ _NAMES = {
 }
 NEVER_SEEN = (
     "a datum that is wrong along the lane, or beside it where no lane is given; HH and VV exchanged; "
-    "a sign, phase or gain that all channels share"
+    "a sign, phase or gain that all channels share; stretches of scans in each other's place"
 )
 """What no recording without known targets shows."""
 
@@ -185,10 +186,15 @@ def _drift(of_run: Examined) -> Iterator[Check]:
 
 
 def _gaps(run: xr.Dataset) -> Iterator[Check]:
-    """Yield whether scans lie much farther apart than those around."""
-    steps = np.hypot(*np.diff(run["pose"].values[:, :2], axis=0).T)
+    """Yield whether the course goes one way, and scans lie much farther apart than those around."""
+    ways = np.diff(run["pose"].values[:, :2], axis=0)
+    steps = np.hypot(*ways.T)
     if steps.size < _AROUND or not np.isfinite(steps).all():
         return
+    backwards = np.mean(np.sum(ways[1:] * ways[:-1], axis=1) < 0)
+    words = f"the course turns round at {backwards:.0%} of the scans, at most {_TURNING:.0%}"
+    advice = "are scans and poses in the order in which they were taken?"
+    yield Check("course", *((DOUBTFUL, words, advice) if backwards > _TURNING else (RIGHT, words)))
     usual = median_around(steps, _AROUND)
     ratio = steps / np.maximum(np.maximum(usual, np.median(steps)), 1e-9)
     count = int(np.count_nonzero(ratio > _GAP))
@@ -263,7 +269,10 @@ def _ways(run: xr.Dataset, of_run: Examined) -> tuple[Ways | None, str]:
     if taken.step == 0:
         return None, "the vehicle stands"
     ways = best_ways(taken)
-    reason = "consecutive looks show nothing in common, whichever way they are taken"
+    reason = (
+        "consecutive looks show nothing in common, whichever way they are taken: are the scans in "
+        "the order of their poses?"
+    )
     if not ways.is_seen and taken.height > AIRBORNE:
         reason = f"the antennas fly, {taken.height:.3g} m above the ground"
     return ways, reason

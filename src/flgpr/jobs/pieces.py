@@ -29,7 +29,7 @@ from flgpr.method.detection import MAIN, Detection
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.instead import describe_trust
 from flgpr.method.method import detections_of, engine_of
-from flgpr.method.model import parse_model, read_model, trained_on
+from flgpr.method.model import of_another_array, parse_model, read_model, trained_on
 from flgpr.method.searched import searched_ground
 from flgpr.method.sections import section_lane, section_note
 from flgpr.model import Lane
@@ -156,6 +156,9 @@ def _describe_runs(job: LaneJob, lane: ImagedRun, detections: list[Detection]) -
         described["left_out"] = job.left_out.as_json()
     if trained_on(lane.model, job.store_sha256):
         described["trained_on_this_run"] = True
+    another = of_another_array(lane.model, lane.run)
+    if another:
+        described["another_array"] = another
     described |= describe_trust(lane, detections)
     if job.others:
         described["others"] = {}

@@ -34,6 +34,7 @@ from flgpr.method.model import (
     MODEL_FILE,
     Detector,
     Model,
+    array_of,
     check_free_model,
     load_model,
     save_model,
@@ -131,6 +132,7 @@ def train_on_lanes(
         "recipe": recipe.name,
         "recipe_sha256": sha256(text.encode()),
         "runs": [job.store_sha256 for job in jobs],
+        "array": array_of(open_run(jobs[0].run)),
         "made_of": _inputs_digest(jobs, features, label_radius),
     }
     if not overwrite and _holds_model(output, notes):

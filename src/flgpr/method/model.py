@@ -7,12 +7,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import xarray as xr
+
 import flgpr
 from flgpr.door import Folder
 from flgpr.json_text import check_format
 from flgpr.method.classifier import Classifier
 from flgpr.method.estimators import TrainedEstimator
 from flgpr.method.unlike import TrainingGround
+from flgpr.recipe.radar_setup import radar_setup
 from flgpr.recipe.schema import Recipe
 from flgpr.store import Bundle, check_free_folder, sha256, write_bundle
 from flgpr.store.files import taken_for
@@ -25,6 +29,7 @@ MODEL_FILE = "model.bundle"
 DETECTOR = "detector"
 """Name of the group of the detector's arrays, beside those of the stages."""
 Detector = Classifier | TrainedEstimator
+_SAME_ARRAY = 0.2  # share by which figures of arrays that count as one may differ
 _HEAD = ("format", "version", "flgpr", "detector", "stages", "notes")
 """Entries of a model's head, in their order."""
 
@@ -92,6 +97,37 @@ def trained_on(model: Model | None, store_sha256: str) -> bool:
         return False
     runs = model.notes.get("runs", [])
     return isinstance(runs, list) and store_sha256 in runs
+
+
+def array_of(run: xr.Dataset) -> dict[str, float]:
+    """Return the figures of a run's array that a model depends on: band, Hz; width and height, m."""
+    setup = radar_setup(run)
+    return {
+        "lowest_hz": float(setup.tones[0]),
+        "highest_hz": float(setup.tones[-1]),
+        "width_m": float(np.ptp([setup.tx[:, 0], setup.rx[:, 0]])),
+        "height_m": setup.height,
+    }
+
+
+def of_another_array(model: Model | None, run: xr.Dataset) -> str:
+    """Return a sentence where a model was trained with another array than a run's, else ""."""
+    trained = None if model is None else model.notes.get("array")
+    own = array_of(run)
+    if not isinstance(trained, dict) or set(trained) != set(own):
+        return ""
+    arrays = [[float(array[name]) for name in own] for array in (trained, own)]
+    if np.allclose(arrays[0], arrays[1], rtol=_SAME_ARRAY, atol=_SAME_ARRAY / 2):
+        return ""
+    told = []
+    for low, high, width, height in arrays:
+        told.append(
+            f"{low / 1e9:.3g} to {high / 1e9:.3g} GHz, {width:.3g} m wide, {height:.3g} m high"
+        )
+    return (
+        f"the model was trained with another array ({told[0]}) than this run's ({told[1]}): its "
+        "confidences do not hold; train on lanes of this array"
+    )
 
 
 def save_model(

@@ -434,7 +434,7 @@ def why_not(ground: TrainingGround | None) -> str:
         return "the model was trained before that was learnt; train it again"
     if not ground.judges:
         return (
-            f"the model was trained on {ground.lanes} lanes of {LEAST_LANES} that are needed; "
+            f"the model was trained on {ground.lanes} of the {LEAST_LANES} lanes that are needed; "
             "train it on more"
         )
     return ""

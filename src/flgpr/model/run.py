@@ -14,6 +14,7 @@ Examples
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from importlib import import_module
 from typing import Any, TypeVar
@@ -26,6 +27,11 @@ from flgpr.types import AnyArray, ArrayLike, BoolArray, ComplexArray, FloatArray
 
 # Hz; smaller numbers are in another unit, for no ground-penetrating radar works there
 _LOWEST_FREQUENCY = 1e6
+REAL = (
+    "signal is real, its imaginary part is zero everywhere: every echo shows a second time, at its "
+    "mirrored path, and phases say nothing; import I and Q, or amplitude and phase, of each tone"
+)
+"""What real data mean."""
 Described = TypeVar("Described", xr.Dataset, xr.DataArray)
 # Poses and times of runs of one vehicle agree to so much, m and rad, and s.
 _POSE_TOLERANCE = 1e-6
@@ -80,8 +86,15 @@ def make_run(
     ------
     ValueError
         If a parameter breaks its rule.
+
+    Warns
+    -----
+    UserWarning
+        If the signal is real.
     """
     data = _checked_signal(signal)
+    if is_real(data):
+        warnings.warn(REAL, stacklevel=2)
     scans, polarizations, pairs, tones = data.shape
     valid = measured_sweeps(data)
     if not valid.any():  # scans of zeros alone are kept, and lost sweeps are not
@@ -106,6 +119,14 @@ def make_run(
         attrs=dict(attrs or {}),
     )
     return described(run, VARIABLE_ATTRS)
+
+
+def is_real(signal: ComplexArray) -> bool:
+    """Return whether a signal has no imaginary part, though it changes from tone to tone."""
+    if signal.imag.any():
+        return False
+    steps = np.diff(signal.real)
+    return bool((steps[np.isfinite(steps)] != 0).any())
 
 
 def described(data: Described, attrs: Mapping[str, Mapping[str, str]]) -> Described:

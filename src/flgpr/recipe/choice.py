@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -63,6 +63,7 @@ class _Choice:
     fine: float  #: spacing of the images, m
     coarse: float  #: spacing of the run-view, m
     method: _Method  #: what it was chosen for
+    whole: bool  #: whether the only sub-band is that of a model
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,7 @@ class Figures:
     edges: dict[str, Band]  #: sub-bands as they are written, Hz
     median_step: int  #: pixels between those of the background's median
     step: float  #: between the pixels of a chip, m
+    scan_step: float  #: usual distance between scans, m
     lengths: dict[str, float]  #: that follow the height, m: see ``recipe/lengths.py``
     view_x: Band  #: borders of the run-view across, m in the lane frame
     coarse: float  #: spacing of the run-view, m
@@ -103,7 +105,9 @@ class _Method:
     own: dict[str, float]  #: lengths of the method for its own array, m
     own_height: float  #: height of that array, m
     lengths: dict[str, float]  #: the same for the array of the run
-    model: Recipe | None = None  #: recipe with a map, whose sub-bands it has
+    model: Recipe | None = (
+        None  #: recipe with a map of simulated signatures, whose sub-bands it has
+    )
 
     @property
     def beyond(self) -> float:
@@ -128,7 +132,11 @@ def figures_of(setup: RadarSetup, model: Recipe | None = None) -> Figures:
         an image.
     """
     method = _method_of(setup, model)
-    choice = _choose_like(setup, method) if method.model else _choose(setup, method)
+    whole = _whole_band(setup, model)
+    if method.model:
+        choice = _choose_like(setup, method)
+    else:
+        choice = replace(_choose(setup, method, whole), whole=whole is not None)
     return Figures(
         described=_described(setup),
         fitted_to=_fitted_to(setup),
@@ -145,6 +153,7 @@ def figures_of(setup: RadarSetup, model: Recipe | None = None) -> Figures:
         edges=_edges(setup, choice),
         median_step=_median_step(choice),
         step=_chip_step(choice),
+        scan_step=setup.scan_step,
         lengths=method.lengths,
         view_x=_view_x(setup, choice),
         coarse=choice.coarse,
@@ -163,6 +172,17 @@ def _window_of(setup: RadarSetup, model: Recipe | None) -> str:
     if model is not None and model.image.window != "boxcar":
         return model.image.window
     return "boxcar" if setup.drives else "hann"
+
+
+def _whole_band(setup: RadarSetup, model: Recipe | None) -> dict[str, Band] | None:
+    """Return the band of a model that divides none: its own where the run has it, else the run's."""
+    if model is None or len(model.image.subbands) != 1:
+        return None
+    ((name, (low, high)),) = model.image.subbands.items()
+    if high - low < 2 * _BANDWIDTH:
+        return None
+    first, last = float(setup.tones[0]), float(setup.tones[-1])
+    return {name: (low, high) if first <= low and high <= last else (first, last)}
 
 
 def _method_of(setup: RadarSetup, model: Recipe | None) -> _Method:
@@ -187,14 +207,14 @@ def _method_of(setup: RadarSetup, model: Recipe | None) -> _Method:
         own=own,
         own_height=own_height,
         lengths=lengths,
-        model=model if model is not None and model.map is not None else None,
+        model=model if "outer" in own else None,
     )
 
 
 def _own_lengths(model: Recipe | None) -> tuple[dict[str, float], float]:
     """Return the lengths of a method for its own array, and the height of that array, m.
 
-    Those of a model without a map, or for an array that is not packaged, stay as they are.
+    Those of a model without a map of simulated signatures, or for an array that is not packaged, stay as they are.
     """
     if model is None:
         return _PAPERS, PAPERS_HEIGHT
@@ -204,7 +224,7 @@ def _own_lengths(model: Recipe | None) -> tuple[dict[str, float], float]:
         "mean": model.background.mean,
     }
     settings: Any = None if model.map is None else model.map.settings
-    if settings is None:
+    if not hasattr(settings, "outer"):
         return own, 0.0
     own |= {"clear": settings.clear, "guard": settings.guard, "outer": settings.outer}
     is_packaged = settings.sensor in sensor_presets()
@@ -279,7 +299,7 @@ def _choose(setup: RadarSetup, method: _Method, given: dict[str, Band] | None = 
         spacings = _spacing(_MAP_PIXEL * fine, 0.02, 0.05), _spacing(_MAP_PIXEL * coarse, 0.05, 0.1)
     else:
         spacings = _spacing(_PIXEL * fine, 0.01, 0.05), _spacing(_PIXEL * coarse, 0.01, 0.1)
-    return _Choice(bands, subband, half, reach, far, *spacings, method)
+    return _Choice(bands, subband, half, reach, far, *spacings, method, whole=False)
 
 
 def _half_width(setup: RadarSetup, method: _Method) -> float:
@@ -472,6 +492,16 @@ def _reasons_for(setup: RadarSetup, choice: _Choice) -> dict[str, str]:
                 reasons[name] = reason_for(entry, own[entry], choice.method.own_height)
     if choice.method.model is not None:
         reasons |= _map_reasons(setup, choice)
+    if choice.whole:
+        reasons["image.subbands"] = "the model's band where the run has it, else all of the run's"
+    if choice.whole or choice.method.model is not None:
+        reasons["image.spacing"] = (
+            "a quarter of the finest resolution of its sub-bands, but 0.02 to 0.05 m"
+        )
+        reasons["run_view.spacing"] = (
+            f"a quarter of the resolution that {choice.subband} has in the middle, but 0.05 to "
+            "0.1 m"
+        )
     signature = (
         f"the mean of fewer than {FEWEST_SCANS} scans {SCAN_SPACING:g} m apart holds the targets"
     )
@@ -564,14 +594,9 @@ def _map_reasons(setup: RadarSetup, choice: _Choice) -> dict[str, str]:
     longest = _longest_cell(setup, choice.method)
     held = "shorter" if cell <= longest else "but not shorter, for want of band,"
     return {
-        "image.spacing": "a quarter of the finest resolution of its sub-bands, but 0.02 to 0.05 m",
         "image.subbands": (
             f"range cells of at most {cell:.2g} m, {held} than the gap in path from the ground's "
             f"echo to the first pixel, {gap:.2g} m, and than the contrast's ring, {ring:.2g} m"
-        ),
-        "run_view.spacing": (
-            f"a quarter of the resolution that {choice.subband} has in the middle, but 0.05 to "
-            "0.1 m"
         ),
         "map.step": (
             f"half a wavelength in the middle of its sub-bands, but {_STEP[0]:g} to {_STEP[1]:g} m"

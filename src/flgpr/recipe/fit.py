@@ -59,8 +59,7 @@ def check_fit(run: xr.Dataset, recipe: Recipe) -> None:
 def _hint(recipe: Recipe) -> str:
     """Return what writes a recipe that fits, with the same method where that can be fitted."""
     like = ""
-    is_fitted = recipe.map is not None and recipe.map.stage == FITTED_MAP
-    if is_fitted and recipe.name in recipe_names():
+    if recipe.needs_looks and recipe.name in recipe_names():
         like = f" --like {recipe.name}"
     return f"`flgpr recipe for RUN{like}` writes one that fits"
 

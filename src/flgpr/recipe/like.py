@@ -6,9 +6,12 @@ that is made from nothing but a run. What belongs to the method stays as in the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from flgpr.model.printable import printable
 from flgpr.recipe.choice import MEDIAN_STEP, Figures, pixels_of
@@ -18,20 +21,27 @@ from flgpr.recipe.writing import EARLY
 from flgpr.toml_text import parse_toml, toml_lines
 
 Tables = dict[str, Any]
-_CUTS = "the length of its cuts is counted in pixels of its own array's range cells"
+_ROADSIDE = "it reads one sub-band of its own array on a grid of its own"
 _WHY_NOT = {
-    "clutter.masks": "its edges and its roadside are places ahead of its own array",
     "clutter.early": "its path is that of its own array",
-    "clutter.roadside": "it reads one sub-band of its own array on a grid of its own",
-    "features.roadside": "it reads one sub-band of its own array on a grid of its own",
-    "map.deflection": _CUTS,
-    "map.neyman-pearson": _CUTS,
-    "map.whitening": _CUTS,
-    "map.magnitude": _CUTS,
-    "screen.clusters": "its region and its template are resolutions of its own array",
-    "features.templates": "its region and its template are resolutions of its own array",
+    "clutter.roadside": _ROADSIDE,
+    "features.roadside": _ROADSIDE,
 }
+_FITTED = {
+    *(
+        f"map.{name}"
+        for name in (FITTED_MAP, "deflection", "neyman-pearson", "whitening", "magnitude")
+    ),
+    *("clutter.standing", "clutter.masks", "screen.clusters", "features.templates"),
+}
+"""Stages of which every entry that belongs to an array has a rule."""
+_BESIDE = (
+    2.0,
+    3.0,
+)  # m from the middle that the roadside of masks begins and images reach at least
 _OTHER_STAGE = "no rule fits its entries to an array"
+_AHEAD = "distances ahead lie in the images as they do in the model's"
+_SHORTEST_CUT = 6  # pixels
 
 
 @dataclass(frozen=True)
@@ -59,10 +69,8 @@ def faults_of_model(model: Recipe) -> list[str]:
         has_own_path = getattr(stage.settings, "path", None) is not None
         if name == f"clutter.{EARLY['stage']}" and not has_own_path:
             continue  # it goes by the images, and is fitted like them
-        if name != f"map.{FITTED_MAP}":
+        if name not in _FITTED:
             faults.append(f"{name}: {_WHY_NOT.get(name, _OTHER_STAGE)}")
-    if model.run_view.look == "ranges":
-        faults.append("run_view.ranges: they are distances ahead of its own array")
     return faults
 
 
@@ -115,6 +123,9 @@ def like_text(figures: Figures, model: ModelRecipe, antennas: str = "") -> str:
 class _Fitted:
     """The tables of a recipe like another one.
 
+    Distances ahead lie in the images as they lie in the model's. Lengths that belong to a mine stay,
+    and pixels are counted anew.
+
     Parameters
     ----------
     figures : Figures
@@ -136,13 +147,16 @@ class _Fitted:
 
     def text(self) -> str:
         """Return the TOML text."""
+        self._check_polarizations()
         self._leave_out()
         self._fit_clutter()
         self._fit_image()
         self._fit_background()
         self._fit_view()
-        if self.model.map is not None:
+        if "sensor" in self.tables.get("map", {}):
             self._fit_map()
+        elif self.model.map is not None:
+            self._fit_cuts()
         self._fit_prescreen()
         self._fit_contrast()
         self._fit_features()
@@ -170,6 +184,22 @@ class _Fitted:
         self.tables.setdefault(table, {})[entry] = value
         self.reasons[name] = reason or self.figures.reasons[name]
 
+    def _check_polarizations(self) -> None:
+        """Refuse a method that combines polarizations of which the run lacks one."""
+        has = self.figures.polarizations
+        needs = ", ".join(self.model.image.polarizations)
+        lacks = not set(self.model.image.polarizations) <= set(has)
+        if "clutter.masks" in self.model.named():
+            needs = "VV, and VH or HV"
+            lacks = "VV" not in has or not {"VH", "HV"} & set(has)
+        elif not self.model.needs_looks or "sensor" in self.tables.get("map", {}):
+            return
+        if lacks:
+            raise ValueError(
+                f"like must be a recipe whose polarizations the run has, got {self.model_name}: it "
+                f"needs {needs}; this run has {', '.join(has)}"
+            )
+
     def _leave_out(self) -> None:
         """Leave out what belongs to the model's own lane."""
         if self.tables.pop("lane", None) is not None:
@@ -194,17 +224,42 @@ class _Fitted:
                 "those of the model that the run has",
             )
         bands = self.figures.bands
-        if self.model.map is None and bands == self.model.image.subbands:
-            return
-        self._set("image", "subbands", {name: list(band) for name, band in bands.items()})
+        if bands != self.model.image.subbands or "sensor" in self.tables.get("map", {}):
+            self._set("image", "subbands", {name: list(band) for name, band in bands.items()})
 
     def _fit_clutter(self) -> None:
-        """Take the ground's echo out where no self-signature does."""
-        self.tables.pop("clutter", None)
+        """Fit the masks, and take the ground's echo out where no self-signature does."""
+        stages = []
+        for table in self.tables.pop("clutter", []):
+            if table["stage"] == "masks":
+                stages.append(self._masks(table))
+            elif table["stage"] == "standing" and self.figures.drives:
+                stages.append(table)
         if self.figures.early:
-            # It comes first, among the entries without a table.
-            self.tables = {"clutter": [EARLY], **self.tables}
-            self.reasons["clutter"] = self.figures.reasons["clutter"]
+            stages.insert(0, EARLY)
+        if stages:
+            # They come first, among the entries without a table.
+            self.tables = {"clutter": stages, **self.tables}
+            reason = self.figures.reasons["clutter"]
+            self.reasons["clutter"] = reason if self.figures.early else _AHEAD
+
+    def _masks(self, table: Tables) -> Tables:
+        """Return masks with the grid, the sub-regions and the roadside of the run's images."""
+        half = max(self.figures.image_x[1], _BESIDE[1])
+        begin = table["roadside"][0] / self.model.image.x[1] * half
+        self.figures = replace(self.figures, image_x=(-half, half))
+        fitted: Tables = {
+            "edges": self._ahead(table["edges"]),
+            "roadside": [max(round(begin, 2), _BESIDE[0]), half],
+        }
+        if "x" in table:
+            fitted |= {"x": [-half, half], "y": self._ahead(table["y"])}
+            fitted["spacing"] = 2 * self.figures.fine
+        return table | fitted
+
+    def _ahead(self, distances: Sequence[float]) -> list[float]:
+        """Return distances ahead, m, that lie in the images as others lie in the model's."""
+        return np.interp(distances, self.model.image.y, self.figures.image_y).round(2).tolist()
 
     def _fit_length(self, table: str, entry: str, length: str, own: float) -> None:
         """Fit a length that follows the height, where another one comes out."""
@@ -219,13 +274,16 @@ class _Fitted:
 
     def _fit_background(self) -> None:
         """Fit the self-signature and the pixels of the median."""
-        method = "none"
-        if self.figures.drives:
-            method = self.model.background.self_signature
-            if method == "none":
-                method = "mean"
-        self._set("background", "self_signature", method)
-        self._set("background", "median_step", self.figures.median_step, f"{MEDIAN_STEP} m")
+        method = self.model.background.self_signature
+        if not self.figures.drives:
+            method = "none"
+        elif method == "none" and "clutter" not in self.tables:
+            method = "mean"
+        if method != self.model.background.self_signature or method != "none":
+            self._set("background", "self_signature", method)
+        if self.model.background.gain == "smooth":
+            reason = f"{MEDIAN_STEP} m"
+            self._set("background", "median_step", self.figures.median_step, reason)
         self._fit_length("background", "mean", "mean", self.model.background.mean)
 
     def _fit_view(self) -> None:
@@ -233,6 +291,32 @@ class _Fitted:
         self._set("run_view", "x", list(self.figures.view_x))
         self._set("run_view", "spacing", self.figures.coarse)
         self._set("run_view", "y_max", self.figures.y_max)
+        if self.model.run_view.look == "ranges":
+            self._fit_ranges()
+
+    def _fit_ranges(self) -> None:
+        """Fit the distances ahead that have a view each: scans must see every place from each."""
+        ranges = self._ahead(self.model.run_view.ranges)
+        apart = min(np.diff(ranges))
+        if self.figures.scan_step > apart:
+            raise ValueError(
+                f"like must be a recipe whose views the run has, got {self.model_name}: it needs a "
+                f"look at {len(ranges)} distances ahead, {apart:.2g} m apart; the scans of this run "
+                f"are {self.figures.scan_step:.2g} m apart"
+            )
+        self._set("run_view", "ranges", ranges, _AHEAD)
+        self._set("run_view", "y_max", self._ahead([self.model.run_view.y_max])[0], _AHEAD)
+        self._set("run_view", "within", round(apart / 2, 2), "half of what parts them")
+
+    def _fit_cuts(self) -> None:
+        """Fit the pixels of range cuts, and the polarizations that are cut."""
+        settings: Any = self.model.map.settings if self.model.map is not None else None
+        across, along = (step / self.figures.fine for step in self.model.image.steps)
+        length = max(round(settings.length * along), _SHORTEST_CUT)
+        self._set("map", "length", length, f"{settings.length * self.model.image.steps[1]:.2g} m")
+        steps = zip(settings.clutter_step, (along, across), strict=True)
+        pixels = [max(round(step * factor), 1) for step, factor in steps]
+        self._set("map", "clutter_step", pixels, "the same distances as there")
 
     def _fit_map(self) -> None:
         """Fit the map: the array whose signatures are simulated, and the contrast's channels."""
@@ -266,7 +350,10 @@ class _Fitted:
         self._fit_length("prescreen", "radius", "radius", self.model.prescreen.radius)
         if self.model.map is None:
             self._set("prescreen", "polarization", self._polarization("prescreen"))
-            self._set("prescreen", "subband", self.figures.subband)
+            subband = self.figures.subband
+            if "ranges" in self.tables["run_view"]:
+                subband = f"{self.tables['run_view']['ranges'][0]:g} m"
+            self._set("prescreen", "subband", subband)
             return
         self._set("prescreen", "count", "lane")
         if len(self.figures.bands) == 1:

@@ -158,9 +158,9 @@ def _fitted_recipe(run: xr.Dataset, model: ModelRecipe | None, begins: bool = Fa
     aperture = goes_across(run)
     setup = radar_setup(aperture_run(run) if aperture else run, aperture)
     setup = replace(setup, begins=begins)
-    if aperture and model is not None and model.recipe.map is not None:
+    if aperture and model is not None and model.recipe.needs_looks:
         raise ValueError(
-            f"like must be a recipe without a map, got {model.name}: the radar moves across what "
+            f"like must be a recipe without a map, masks or views, got {model.name}: the radar moves across what "
             "it looks at, so the run is one synthetic aperture and no place has several looks"
         )
     figures = figures_of(setup, None if model is None else model.recipe)

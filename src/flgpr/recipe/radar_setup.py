@@ -50,6 +50,12 @@ class RadarSetup:
         return float(np.median(np.diff(self.tones))) if self.tones.size > 1 else 0.0
 
     @property
+    def scan_step(self) -> float:
+        """Usual distance between scans, m; zero of a single scan."""
+        steps = np.hypot(*np.diff(self.poses[:, :2], axis=0).T)
+        return float(np.median(steps)) if steps.size else 0.0
+
+    @property
     def drives(self) -> bool:
         """Whether the mean scan is the self-signature rather than a blend of targets."""
         if self.begins:

@@ -101,6 +101,12 @@ class Recipe(Table):
         return Lane(*self.run_view.x, self.image.y[0], min(self.run_view.y_max, self.image.y[1]))
 
     @property
+    def needs_looks(self) -> bool:
+        """Whether its method is made of several looks at a place: a map, masks, or views."""
+        views = self.run_view.look == "ranges"
+        return self.map is not None or views or "clutter.masks" in self.named()
+
+    @property
     def view_channels(self) -> list[str]:
         """Names of the run-view's sub-bands or ranges.
 

@@ -183,7 +183,11 @@ def compared_roc_figure(
         _draw_differences(panels[1], differences, list(labels.values()))
     panels[-1].set_xlabel("false alarms per m²")
     figure.legend(
-        title="detector (targets)", fontsize=8, title_fontsize=8, loc="outside right upper"
+        title="detector (targets)",
+        fontsize=8,
+        title_fontsize=8,
+        loc="outside upper left",
+        ncols=2,  # a narrow screen shows the left of the figure
     )
     return figure
 
