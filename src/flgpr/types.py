@@ -1,10 +1,11 @@
-"""Types of arrays: the one place where they are named.
+"""Types of arrays, and of what names a file: the one place where they are named.
 
 A name says what an array holds; shapes stand in docstrings.
 """
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ ComplexArray = NDArray[np.complex64]
 Complex128Array = NDArray[np.complex128]
 Arrays = dict[str, AnyArray]
 """Arrays by their names."""
+PathLike = str | Path
 
 
 def floats(values: Any) -> FloatArray:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flgpr.method.searched import SEEN, searched_ground
+from flgpr.method.sections import SEEN, searched_ground
 from flgpr.model import Lane
 from flgpr.recipe.schema import farthest_seen, lane_of, parse_recipe, seen_lane
 from small_lane import small_recipe, small_run

@@ -24,7 +24,7 @@ from flgpr.method.memory import lane_memory
 from flgpr.method.sections import Section, divide, plan_sections, section_lane, threads_within
 from flgpr.model import Lane
 from flgpr.recipe.schema import load_recipe
-from flgpr.results.errors import ResultError
+from flgpr.results.manifest import ResultError
 from flgpr.results.result import join_sections, read_result
 from flgpr.results.sections import results_at
 from flgpr.viewer.session import open_source

@@ -32,8 +32,7 @@ from flgpr.commands.runs import RunLocations, is_in_memory, run_options
 from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:
-    from flgpr.results.result import Result
-    from flgpr.results.survey import Survey
+    from flgpr.results.result import Result, Survey
 
 TRAINED_ON_THIS_RUN = (
     "the model was trained on this very run: what it finds here says nothing of other ground"
@@ -221,7 +220,7 @@ def detect(
     from flgpr.jobs.job import LaneJob, make_job
     from flgpr.jobs.survey import detect_survey, lane_names
     from flgpr.recipe.make import recipe_or_fitted
-    from flgpr.results.survey import Survey
+    from flgpr.results.result import Survey
 
     run_list = one_or_more(runs)
     is_one = isinstance(runs, str) or not isinstance(runs, Sequence)

@@ -22,10 +22,9 @@ import pandas as pd
 
 from flgpr.door import refuse_links
 from flgpr.engine import group_of, not_shared
-from flgpr.jobs.checkpoint import Checkpoint, begin_work, work_until_done
+from flgpr.jobs.checkpoint import Checkpoint, PassCache, begin_work, work_until_done
 from flgpr.jobs.finished import is_done, keeps_result, whole_results
 from flgpr.jobs.job import LaneJob
-from flgpr.jobs.pass_cache import PassCache
 from flgpr.jobs.pieces import do_block, do_finish, do_merge, open_lane
 from flgpr.jobs.workers import Executor, OnReport, Report, ignore_report
 from flgpr.method.imaged_run import ImagedRun, array_table

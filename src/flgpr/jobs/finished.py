@@ -13,8 +13,7 @@ from flgpr.jobs.job import LaneJob
 from flgpr.method.model import MODEL_FILE
 from flgpr.method.sections import Section
 from flgpr.model import Lane
-from flgpr.results.errors import ResultError
-from flgpr.results.manifest import MANIFEST
+from flgpr.results.manifest import MANIFEST, ResultError
 from flgpr.results.result import MODEL, check_free, read_result
 from flgpr.results.sections import SECTIONS, sections_at
 from flgpr.store.files import replaced_by

@@ -30,8 +30,7 @@ from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.instead import describe_trust
 from flgpr.method.method import detections_of, engine_of
 from flgpr.method.model import parse_model, read_model, trained_on
-from flgpr.method.searched import searched_ground
-from flgpr.method.sections import section_lane, section_note
+from flgpr.method.sections import searched_ground, section_lane, section_note
 from flgpr.model import Lane
 from flgpr.recipe.schema import parse_recipe
 from flgpr.report import report_html

@@ -24,17 +24,18 @@ from flgpr.store import (
 from flgpr.store.outputs import atomic_output, log_finished
 from flgpr.store.run_writer import RunExistsError
 from flgpr.store.tables import lane_file_of
+from flgpr.types import PathLike
 
 
 def simulate_to_store(
     scene: Scene,
     sensor: Sensor,
     seed: int,
-    output: str | Path,
+    output: PathLike,
     errors: bool = True,
     track: Track = silent,
     resume: bool = True,
-    truth: str | Path | None = None,
+    truth: PathLike | None = None,
     blind: bool = False,
     force: bool = False,
 ) -> list[Path]:
@@ -138,7 +139,7 @@ def _begin_store(
     )
 
 
-def _write_truth(store: Path, simulator: Simulator, truth: str | Path | None) -> list[Path]:
+def _write_truth(store: Path, simulator: Simulator, truth: PathLike | None) -> list[Path]:
     """Write the tables of truth and objects, the former to the file that the user named, if any."""
     written = []
     tables = {"truth": simulator.truth, "objects": simulator.objects}

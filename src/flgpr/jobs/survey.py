@@ -16,8 +16,7 @@ from flgpr.results.result import read_result
 from flgpr.results.sections import results_at
 from flgpr.store import write_whole
 from flgpr.store.outputs import OVERWRITE, log_finished
-
-PathLike = str | Path
+from flgpr.types import PathLike
 
 
 def detect_survey(

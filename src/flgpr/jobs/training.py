@@ -28,7 +28,6 @@ from flgpr.method.alarm_steps import LaneOfAlarms, count_alarm_steps
 from flgpr.method.classifier import CLASSIFIER_B, make_training_set, train
 from flgpr.method.detection import rank_alarms
 from flgpr.method.estimators import train_estimator
-from flgpr.method.false_alarms import free_ground
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.model import (
     MODEL_FILE,
@@ -38,6 +37,7 @@ from flgpr.method.model import (
     load_model,
     save_model,
 )
+from flgpr.method.stands_out import free_ground
 from flgpr.method.unlike import (
     LEAST_LANES,
     MEASURED,
@@ -67,9 +67,8 @@ from flgpr.store import (
 )
 from flgpr.store.files import replaced_by
 from flgpr.store.outputs import OVERWRITE, atomic_output, log_finished, output_exists_error
-from flgpr.types import Arrays, FloatArray
+from flgpr.types import Arrays, FloatArray, PathLike
 
-PathLike = str | Path
 FOLDS = 10
 """Most detectors that are trained on some of the lanes, for thresholds on the others."""
 

@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from flgpr.geo import Anchor
 from flgpr.live.detector import LiveDetector
 from flgpr.live.event_types import AlarmEvent, Event
@@ -15,6 +12,7 @@ from flgpr.live.events import add_places_on_earth, alarm_event, as_line
 from flgpr.live.forecast import Forecast, forecast_event
 from flgpr.live.updates import LiveAlarm, LiveUpdate
 from flgpr.model.vehicle import Vehicle
+from flgpr.types import FloatArray
 
 
 class AlarmReporter:
@@ -55,7 +53,7 @@ class AlarmReporter:
         self,
         update: LiveUpdate,
         scan: int,
-        pose: NDArray[np.float64],
+        pose: FloatArray,
         latency: float,
         detector: LiveDetector,
     ) -> list[AlarmEvent]:
@@ -104,7 +102,7 @@ class AlarmReporter:
         self,
         alarm: LiveAlarm,
         scan: int,
-        pose: NDArray[np.float64],
+        pose: FloatArray,
         latency: float,
         detector: LiveDetector,
     ) -> AlarmEvent:

@@ -19,14 +19,12 @@ import numba
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.clutter import Background, CausalBackground
 from flgpr.clutter.causal import LEAST_SPAN, LEAST_WARM_UP
 from flgpr.imaging import ImagingOperator
-from flgpr.live.alarm_book import AlarmBook
+from flgpr.live.alarm_book import AlarmBook, SeenDensity
 from flgpr.live.causal_steps import WITHOUT_END, build_stages, causal_steps, check_causal
-from flgpr.live.density import SeenDensity
 from flgpr.live.event_types import ViewGrid
 from flgpr.live.ground import RunningGround
 from flgpr.live.updates import LiveAlarm, LiveUpdate, last_states
@@ -45,9 +43,8 @@ from flgpr.screen import (
 )
 from flgpr.stages import MapStage, Stage
 from flgpr.store import RunDescription, Scan
-from flgpr.types import Arrays
+from flgpr.types import Arrays, ComplexArray, FloatArray
 
-FloatArray = NDArray[np.float64]
 # m; ground farther back than this before a scan is closed without another look
 _FARTHEST_GAP = 50.0
 _MOST_SCANS = 64
@@ -429,7 +426,7 @@ class LiveDetector:
             raise ValueError("lane needs a pose, got none")
         return course_lane(self.recipe, self.first_pose[None], WITHOUT_END)
 
-    def _image(self, scan: Scan) -> NDArray[np.complex64]:
+    def _image(self, scan: Scan) -> ComplexArray:
         """Image a scan; the operator is used again while height and attitude stay the same."""
         pose = np.asarray(scan.pose, np.float64)
         key = tuple(pose[[2, 4, 5]])

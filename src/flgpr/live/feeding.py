@@ -17,8 +17,13 @@ import numpy as np
 import xarray as xr
 
 from flgpr.door import Folder
-from flgpr.live.secret import answer_challenge, live_secret
-from flgpr.live.sockets import connected_tcp, connected_unix, parse_tcp
+from flgpr.live.sockets import (
+    answer_challenge,
+    connected_tcp,
+    connected_unix,
+    live_secret,
+    parse_tcp,
+)
 from flgpr.store import (
     RunDescription,
     describe_for_live,
@@ -29,8 +34,8 @@ from flgpr.store import (
     write_whole,
 )
 from flgpr.store.scan_file import END_FILE, RUN_FILE, scan_name, stored_scan
+from flgpr.types import PathLike
 
-PathLike = str | Path
 FAULTS = ("lost", "late", "twice", "nan", "jump")
 _JUMP = 45.0  # m along the lane, by which a position is wrong that jumps
 
@@ -124,7 +129,7 @@ def feed(
         ``parse_tcp``.
     secret_file : path, optional
         File of the secret that is asked for there; by default that of the environment, if there is
-        one, see ``live/secret.py``.
+        one, see ``live/sockets.py``.
 
     Returns
     -------

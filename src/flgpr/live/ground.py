@@ -7,11 +7,9 @@ looked-at scans behind. A verdict changes once three scans in a row agree on ano
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.clutter import Background
 from flgpr.method.unlike import (
@@ -24,7 +22,7 @@ from flgpr.method.unlike import (
 )
 from flgpr.model import Grid
 from flgpr.stages import MapStage
-from flgpr.types import Arrays
+from flgpr.types import AnyArray, Arrays, FloatArray
 
 AGREEING = 3
 """Looked-at scans in a row that must agree before the verdict changes."""
@@ -70,7 +68,7 @@ class RunningGround:
         self.comparison = Comparison()  #: the latest
 
     def add(
-        self, image: xr.DataArray, pose: NDArray[np.float64], background: Background
+        self, image: xr.DataArray, pose: FloatArray, background: Background
     ) -> Comparison | None:
         """Look at a scan, if it lies far enough from the last one that was looked at.
 
@@ -133,7 +131,7 @@ class RunningGround:
         counts = [self._scans, self._agreeing, int(self.unlike)]
         return {**self._sums, "counts": np.array(counts), "place": self._place}
 
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+    def restore(self, state: Mapping[str, AnyArray]) -> None:
         """Go on from a state."""
         self._sums = {
             name: np.array(array)

@@ -51,13 +51,10 @@ from flgpr.live.events import (
 )
 from flgpr.live.forecast import forecast_of
 from flgpr.live.intake import Intake
-from flgpr.live.options import LiveOptions
-from flgpr.live.outcome import LiveReport, latency_percentiles
-from flgpr.live.playing import RunPlayer
-from flgpr.live.secret import live_secret
-from flgpr.live.senders import SENDERS, SocketWatch, TcpWatch
-from flgpr.live.sockets import TcpAddress, parse_tcp
-from flgpr.live.source import SOCKET, Arrival, Inbox, Source
+from flgpr.live.options import LiveOptions, LiveReport, latency_percentiles
+from flgpr.live.senders import SENDERS, SocketWatch, TcpWatch, largest_frame
+from flgpr.live.sockets import TcpAddress, live_secret, parse_tcp
+from flgpr.live.source import SOCKET, Arrival, FolderWatch, Inbox, RunPlayer, Source
 from flgpr.live.state import (
     SNAPSHOT_FILE,
     Snapshot,
@@ -66,9 +63,7 @@ from flgpr.live.state import (
     restore_snapshot,
     take_snapshot,
 )
-from flgpr.live.stream import largest_frame
 from flgpr.live.updates import LiveUpdate, SettledOutcome
-from flgpr.live.watch import FolderWatch
 from flgpr.method.memory import check_scan_memory
 from flgpr.method.model import Model, parse_model, read_model, unlearnt
 from flgpr.method.unlike import Comparison, why_not
@@ -460,7 +455,7 @@ class LiveRun:
         settled = [*update.released, (scan, update)]
         for settled_scan, change in settled:
             # Scans that are released, and one that was not left out, are settled.
-            outcome = cast(SettledOutcome, change.outcome)
+            outcome = cast("SettledOutcome", change.outcome)
             lines.append(scan_event(settled_scan, outcome, arrival.when, latency))
         for settled_scan, change in settled:
             if change.ground is not None:

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.engine import arrays_under
 from flgpr.json_text import check_format
@@ -25,13 +24,14 @@ from flgpr.live.intake import Intake
 from flgpr.live.updates import LiveAlarm
 from flgpr.method.steps import CleanedImages
 from flgpr.store import MAX_MEMORY, Bundle, BundleError, Scan, write_bundle
+from flgpr.types import AnyArray, FloatArray
 
 SNAPSHOT_FILE = "snapshot.bundle"
 FORMAT = "flgpr-live-snapshot"
 VERSION = 6
 # Scalars of the detector, by these names in the file.
 _SCALARS = ("closed", "left_out")
-Snapshot = tuple[dict[str, Any], dict[str, NDArray[Any]]]
+Snapshot = tuple[dict[str, Any], dict[str, AnyArray]]
 
 
 class SnapshotError(ValueError):
@@ -67,9 +67,9 @@ def take_snapshot(
     return header, arrays
 
 
-def _arrays(detector: LiveDetector) -> dict[str, NDArray[Any]]:
+def _arrays(detector: LiveDetector) -> dict[str, AnyArray]:
     """Return the arrays of a detector, copies or such as are never changed in place."""
-    arrays: dict[str, NDArray[Any]] = {}
+    arrays: dict[str, AnyArray] = {}
     for name, value in detector.background.state().items():
         arrays[f"background.{name}"] = value
     for name, value in detector.view.items():
@@ -120,12 +120,12 @@ def _header(
     }
 
 
-def _pose_as_json(pose: NDArray[np.float64] | None) -> list[float] | None:
+def _pose_as_json(pose: FloatArray | None) -> list[float] | None:
     """Return a pose as JSON values."""
     return None if pose is None else pose.tolist()
 
 
-def _pose_from_json(values: list[float] | None) -> NDArray[np.float64] | None:
+def _pose_from_json(values: list[float] | None) -> FloatArray | None:
     """Return a pose from JSON values."""
     return None if values is None else np.asarray(values, dtype=np.float64)
 
@@ -218,7 +218,7 @@ def restore_snapshot(
 
 
 def _restore(
-    header: dict[str, Any], arrays: dict[str, NDArray[Any]], detector: LiveDetector, intake: Intake
+    header: dict[str, Any], arrays: dict[str, AnyArray], detector: LiveDetector, intake: Intake
 ) -> None:
     """Set the state of a detector and its intake."""
     detector.background.restore(arrays_under(arrays, "background."))

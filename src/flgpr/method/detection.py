@@ -13,7 +13,7 @@ from flgpr.jit.threads import blas_on_one_thread
 from flgpr.method.estimators import TrainedEstimator, probability
 from flgpr.method.evidence import Evidence, confidence_contributions, in_order
 from flgpr.method.imaged_run import ImagedRun, array_table
-from flgpr.method.passes.frames import alarms_by_frame
+from flgpr.method.passes.run_view import alarms_by_frame
 from flgpr.model import ALARM_COLUMNS, empty_table
 from flgpr.types import FloatArray, IndexArray
 

@@ -16,11 +16,15 @@ import pandas as pd
 
 from flgpr.method.detection import AS_LEARNT, MAIN, Detection
 from flgpr.method.evidence import in_order
-from flgpr.method.false_alarms import ABOVE, RateThreshold, own_threshold, training_threshold
 from flgpr.method.imaged_run import ImagedRun
-from flgpr.method.searched import seen_part
-from flgpr.method.sections import section_lane
-from flgpr.method.stands_out import what_stands_out
+from flgpr.method.sections import section_lane, seen_part
+from flgpr.method.stands_out import (
+    ABOVE,
+    RateThreshold,
+    own_threshold,
+    training_threshold,
+    what_stands_out,
+)
 from flgpr.recipe.make import fit_recipe
 from flgpr.recipe.schema import parse_recipe, seen_lane
 from flgpr.types import FloatArray

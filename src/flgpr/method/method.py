@@ -33,16 +33,11 @@ from flgpr.method.instead import (
     rank_by_column,
 )
 from flgpr.method.model import Detector, Model
-from flgpr.method.passes.alarms import Maxima
-from flgpr.method.passes.explain import Explain
-from flgpr.method.passes.features import Features
-from flgpr.method.passes.frames import FrameAlarms
-from flgpr.method.passes.gain import GAIN_BACKGROUND
-from flgpr.method.passes.run_view import PlainRunView, RunView
-from flgpr.method.passes.signature import SelfSignaturePass
+from flgpr.method.passes.background import GAIN_BACKGROUND, LaneClutter, SelfSignaturePass
+from flgpr.method.passes.features import Explain, Features
+from flgpr.method.passes.run_view import FrameAlarms, Maxima, PlainRunView, RunView
 from flgpr.method.passes.training import until_examples
 from flgpr.method.passes.traversal import plan
-from flgpr.method.passes.unlike import LaneClutter
 from flgpr.method.sections import Section
 from flgpr.method.unlike import Trust
 from flgpr.model import Lane

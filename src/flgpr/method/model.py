@@ -17,7 +17,7 @@ from flgpr.recipe.schema import Recipe
 from flgpr.store import Bundle, check_free_folder, sha256, write_bundle
 from flgpr.store.files import taken_for
 from flgpr.store.outputs import atomic_output
-from flgpr.types import AnyArray, Arrays
+from flgpr.types import AnyArray, Arrays, PathLike
 
 FORMAT = "flgpr-model"
 VERSION = 1
@@ -95,7 +95,7 @@ def trained_on(model: Model | None, store_sha256: str) -> bool:
 
 
 def save_model(
-    model: Model | Detector, folder: str | Path, notes: Mapping[str, Any] | None = None
+    model: Model | Detector, folder: PathLike, notes: Mapping[str, Any] | None = None
 ) -> Path:
     """Write a model as a folder with one bundle of arrays and JSON. A stop leaves no part of it.
 
@@ -146,7 +146,7 @@ def save_model(
     return folder
 
 
-def check_free_model(folder: str | Path) -> Path:
+def check_free_model(folder: PathLike) -> Path:
     """Return a folder in which a model may be written.
 
     Raises
@@ -157,7 +157,7 @@ def check_free_model(folder: str | Path) -> Path:
     return check_free_folder(folder, (MODEL_FILE,), "model")
 
 
-def read_model(folder: str | Path) -> bytes:
+def read_model(folder: PathLike) -> bytes:
     """Return the bytes of a model's file, whose SHA-256 stands for the model.
 
     Raises
@@ -177,7 +177,7 @@ def read_model(folder: str | Path) -> bytes:
         ) from None
 
 
-def load_model(folder: str | Path, digest: str | None = None) -> Model:
+def load_model(folder: PathLike, digest: str | None = None) -> Model:
     """Read a model that :func:`save_model` wrote. Nothing in the file can run.
 
     Parameters
@@ -204,7 +204,7 @@ def load_model(folder: str | Path, digest: str | None = None) -> Model:
     return parse_model(data, folder)
 
 
-def parse_model(data: bytes, folder: str | Path) -> Model:
+def parse_model(data: bytes, folder: PathLike) -> Model:
     """Return the model of the bytes that :func:`read_model` read from a folder.
 
     Parameters
@@ -264,7 +264,7 @@ def _stage_names(head: Mapping[str, Any]) -> list[str]:
     return list(names)
 
 
-def describe_model(folder: str | Path) -> dict[str, Any]:
+def describe_model(folder: PathLike) -> dict[str, Any]:
     """Return what a model holds by its head alone: none of its arrays is read.
 
     Returns

@@ -16,7 +16,15 @@ from flgpr.model import (
     sensor_presets,
     unambiguous_path,
 )
-from flgpr.recipe.lengths import PAPERS_HEIGHT, length_at, reason_for
+from flgpr.recipe.lengths import (
+    PAPERS_HEIGHT,
+    divide,
+    divisions_like,
+    least_width,
+    length_at,
+    reason_for,
+    widest_piece,
+)
 from flgpr.recipe.radar_setup import (
     FEWEST_SCANS,
     SCAN_SPACING,
@@ -25,7 +33,6 @@ from flgpr.recipe.radar_setup import (
     allow_features,
 )
 from flgpr.recipe.schema import Recipe
-from flgpr.recipe.subbands import divide, divisions_like, least_width, widest_piece
 
 # Lengths of the array of Wang et al. 2007, 5 m high, m.
 _PAPERS = {"radius": 0.75, "patch": 2.5, "mean": 2.55}

@@ -7,7 +7,6 @@ that is made from nothing but a run. What belongs to the method stays as in the 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from flgpr.model.printable import printable
@@ -16,6 +15,7 @@ from flgpr.recipe.fit import FITTED_MAP
 from flgpr.recipe.schema import Recipe, parse_recipe, recipe_names, recipe_text
 from flgpr.recipe.writing import EARLY
 from flgpr.toml_text import parse_toml, toml_lines
+from flgpr.types import PathLike
 
 Tables = dict[str, Any]
 _CUTS = "the length of its cuts is counted in pixels of its own array's range cells"
@@ -66,7 +66,7 @@ def faults_of_model(model: Recipe) -> list[str]:
     return faults
 
 
-def load_model_recipe(like: str | Path) -> ModelRecipe:
+def load_model_recipe(like: PathLike) -> ModelRecipe:
     """Return a recipe whose method another one can have.
 
     Parameters

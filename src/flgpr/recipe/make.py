@@ -18,6 +18,7 @@ from flgpr.recipe.schema import parse_recipe, recipe_text
 from flgpr.recipe.writing import fitted_text
 from flgpr.store import MAX_MEMORY, open_run
 from flgpr.store.outputs import write_new
+from flgpr.types import PathLike
 
 ASSUMED_ANTENNAS = "sri-array"
 """The packaged sensor whose antennas and errors a run is assumed to have."""
@@ -28,10 +29,10 @@ _FILLED_BEHIND = 0.4
 
 
 def recipe_for(
-    run: str | Path,
-    output: str | Path | None = None,
+    run: PathLike,
+    output: PathLike | None = None,
     max_memory: int = MAX_MEMORY,
-    like: str | Path | None = None,
+    like: PathLike | None = None,
 ) -> str:
     """Make a recipe for a stored run, see :func:`fit_recipe`.
 
@@ -69,9 +70,9 @@ def recipe_for(
 
 
 def recipe_or_fitted(
-    recipe: str | Path | None,
-    run: str | Path,
-    model: str | Path | None = None,
+    recipe: PathLike | None,
+    run: PathLike,
+    model: PathLike | None = None,
     max_memory: int = MAX_MEMORY,
 ) -> str:
     """Return the text of a recipe, or that of the one that is made for a stored run.
@@ -102,7 +103,7 @@ def recipe_or_fitted(
     return recipe_for(run, max_memory=max_memory)
 
 
-def fit_recipe(run: xr.Dataset, begins: bool = False, like: str | Path | None = None) -> str:
+def fit_recipe(run: xr.Dataset, begins: bool = False, like: PathLike | None = None) -> str:
     """Make a recipe from what a run is: its band, polarizations, array and course.
 
     Lengths that belong to a mine and its surroundings are those of Wang et al. 2007 for antennas 5 m

@@ -38,7 +38,7 @@ from flgpr.stages import (
     Table,
 )
 from flgpr.toml_text import parse_toml
-from flgpr.types import FloatArray
+from flgpr.types import FloatArray, PathLike
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -295,7 +295,7 @@ def recipe_names() -> list[str]:
     return sorted(names)
 
 
-def recipe_text(name: str | Path) -> str:
+def recipe_text(name: PathLike) -> str:
     """Return the TOML text of a recipe.
 
     Parameters
@@ -320,7 +320,7 @@ def recipe_text(name: str | Path) -> str:
     raise ValueError(no_preset("recipe", name, recipe_names()))
 
 
-def load_recipe(name: str | Path) -> Recipe:
+def load_recipe(name: PathLike) -> Recipe:
     """Load and validate a recipe.
 
     Parameters

@@ -14,7 +14,7 @@ from flgpr.model import POSE_COMPONENTS, complete_scans
 from flgpr.model.motion import judge_run
 from flgpr.model.plausible import MotionLimits
 from flgpr.store import read_manifest
-from flgpr.types import FloatArray, floats
+from flgpr.types import FloatArray, PathLike, floats
 
 _COPIED_ATTRIBUTES = ("soil", "georeference")
 _TEXTS = ("title", "source", "path", "store_sha256")
@@ -56,7 +56,7 @@ _RULES: dict[str, Callable[[Any], bool]] = {
 
 
 def describe_run(
-    run: xr.Dataset, path: str | Path | None = None, limits: MotionLimits | None = None
+    run: xr.Dataset, path: PathLike | None = None, limits: MotionLimits | None = None
 ) -> dict[str, Any]:
     """Return the description of a run for a manifest.
 

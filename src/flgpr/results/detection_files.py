@@ -18,7 +18,7 @@ from flgpr.door import Folder
 from flgpr.method.detection import MAIN, Detection
 from flgpr.model.constants import IMAGE_ATTRS
 from flgpr.model.run import described
-from flgpr.results.errors import ResultError
+from flgpr.results.manifest import ResultError
 from flgpr.store import sha256
 from flgpr.store.files import write_whole
 from flgpr.store.notes import log_note

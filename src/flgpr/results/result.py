@@ -5,12 +5,13 @@ Alarms and run-views of a run, and the recipe, lane and run that they come from.
 
 from __future__ import annotations
 
+import html
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 import pandas as pd
@@ -40,6 +41,7 @@ from flgpr.results.view_files import plain_json, write_view
 from flgpr.store import sha256
 from flgpr.store.files import check_free_folder, write_whole
 from flgpr.store.outputs import atomic_output, locked_folder
+from flgpr.types import PathLike
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -83,7 +85,7 @@ class Result:
 
         return draw_detection(self.detections[0], self.lane, ax)[1]
 
-    def score(self, truth: str | Path | pd.DataFrame, **options: Any) -> Any:
+    def score(self, truth: PathLike | pd.DataFrame, **options: Any) -> Any:
         """Score the result against truth, as :func:`flgpr.commands.score.score` does."""
         return flgpr.score(self, truth, **options)
 
@@ -102,7 +104,7 @@ class Result:
 
 
 def write_result(
-    folder: str | Path,
+    folder: PathLike,
     detections: list[Detection],
     recipe_text: str,
     lane: Lane,
@@ -170,7 +172,7 @@ def _write_files(
     write_whole(root / MANIFEST, sealed_manifest(content, {}))
 
 
-def check_free(folder: str | Path) -> Path:
+def check_free(folder: PathLike) -> Path:
     """Return the folder if a result may be written there.
 
     Raises
@@ -204,7 +206,7 @@ def _content(
     }
 
 
-def add_files(folder: str | Path, files: Mapping[str, bytes | str]) -> None:
+def add_files(folder: PathLike, files: Mapping[str, bytes | str]) -> None:
     """Add pages and scores to a result, or replace some.
 
     The result can be read at any moment, also after an interruption: the manifest first allows the
@@ -255,13 +257,13 @@ def _add_files(folder: Path, data: Mapping[str, bytes]) -> None:
     write_whole(folder / MANIFEST, sealed_manifest(content, {**before, **after}))
 
 
-def are_settled(folder: str | Path) -> bool:
+def are_settled(folder: PathLike) -> bool:
     """Return whether every file that was added to a result was written completely."""
     added = read_result_manifest(folder)["added"]
     return all(len(digests) == 1 for digests in added.values())
 
 
-def read_result(folder: str | Path) -> Result:
+def read_result(folder: PathLike) -> Result:
     """Read a result folder.
 
     Raises
@@ -313,7 +315,7 @@ def join_sections(folder: Path, homes: Sequence[Path], most: int = 2400) -> Resu
     return replace(first, folder=folder, lane=sections.lane(), detections=[joined])
 
 
-def read_lane_result(folder: str | Path) -> Result:
+def read_lane_result(folder: PathLike) -> Result:
     """Read the result of a lane; of one that was taken in sections they are joined."""
     sections = sections_at(folder)
     if sections is None:
@@ -338,3 +340,54 @@ def _thinned_view(view: xr.DataArray, step: int) -> xr.DataArray:
     """Return a thinned run-view, its looks thinned likewise."""
     looks = thinned(view["looks"].reset_coords(drop=True), step)
     return thinned(view, step).assign_coords(looks=looks)
+
+
+SURVEY = "survey.json"
+"""Name of the list of the lanes of a survey."""
+_COLUMNS = ("lane", "scans", "area_m2", "alarms", "sections")
+
+
+class Survey(Sequence[Result]):
+    """The results of several lanes, in the order of their runs.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Folder of the survey, with ``survey.json``.
+    folders : sequence of pathlib.Path
+        Result folders of the lanes, or folders of their sections.
+    """
+
+    def __init__(self, folder: Path, folders: Sequence[Path]) -> None:
+        self.folder = folder
+        self.folders = list(folders)
+
+    def __len__(self) -> int:
+        return len(self.folders)
+
+    @overload
+    def __getitem__(self, number: int) -> Result: ...
+    @overload
+    def __getitem__(self, number: slice) -> list[Result]: ...
+    def __getitem__(self, number: int | slice) -> Result | list[Result]:
+        if isinstance(number, slice):
+            return [read_lane_result(folder) for folder in self.folders[number]]
+        return read_lane_result(self.folders[number])
+
+    def __iter__(self) -> Iterator[Result]:
+        return (read_lane_result(folder) for folder in self.folders)
+
+    def lanes(self) -> list[dict[str, Any]]:
+        """Return a row for each lane: run, counts of scans and alarms, searched area (m²)."""
+        return list(Folder(self.folder).json(SURVEY))
+
+    def __repr__(self) -> str:
+        return f"survey of {len(self)} lanes in {self.folder}"
+
+    def _repr_html_(self) -> str:
+        head = "".join(f"<th>{name}</th>" for name in _COLUMNS)
+        rows = []
+        for lane in self.lanes():
+            cells = "".join(f"<td>{html.escape(str(lane[name]))}</td>" for name in _COLUMNS)
+            rows.append(f"<tr>{cells}</tr>")
+        return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"

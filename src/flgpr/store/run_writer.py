@@ -30,12 +30,15 @@ from flgpr.store.files import (
 )
 from flgpr.store.journal import (
     JOURNAL,
+    MADE_OF,
     Journal,
     JournalError,
     OtherRunError,
     WrittenScan,
+    describe_inputs,
+    difference_from_stored,
+    write_record,
 )
-from flgpr.store.made_of import MADE_OF, describe_inputs, difference_from_stored, write_record
 from flgpr.store.outputs import log_finished
 from flgpr.store.run_store import (
     CHECKSUM_BYTES,
@@ -46,7 +49,7 @@ from flgpr.store.run_store import (
     manifest_bytes,
 )
 from flgpr.store.store_layout import DIMS, consolidated_group
-from flgpr.types import ArrayLike, BoolArray, ComplexArray, FloatArray, floats
+from flgpr.types import ArrayLike, BoolArray, ComplexArray, FloatArray, PathLike, floats
 
 GROUP = "zarr.json"
 """File that describes a group or an array of Zarr."""
@@ -130,7 +133,7 @@ class RunWriter:
 
     def __init__(
         self,
-        path: str | Path,
+        path: PathLike,
         frequency: ArrayLike,
         polarization: ArrayLike,
         tx_position: ArrayLike,
@@ -447,7 +450,7 @@ class RunWriter:
 
 def save_run(
     run: xr.Dataset,
-    path: str | Path,
+    path: PathLike,
     overwrite: bool = False,
     resume: bool = False,
     share_files: bool = False,
@@ -513,7 +516,7 @@ def _partial_store(path: Path) -> Path:
     return path.with_name(path.name + PARTIAL)
 
 
-def is_finished(path: str | Path) -> bool:
+def is_finished(path: PathLike) -> bool:
     """Return whether a store has its name and its writer came to an end.
 
     A writer that was killed in between leaves its journal in the store, which the next writer takes
@@ -523,7 +526,7 @@ def is_finished(path: str | Path) -> bool:
     return root.is_dir() and not os.path.lexists(root / JOURNAL)
 
 
-def is_stored(run: xr.Dataset, path: str | Path) -> bool:
+def is_stored(run: xr.Dataset, path: PathLike) -> bool:
     """Return whether a path holds a complete store of exactly this run.
 
     Parameters

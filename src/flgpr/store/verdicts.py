@@ -9,6 +9,7 @@ from typing import Any
 from flgpr.door import read_named
 from flgpr.json_text import check_format, parse_json
 from flgpr.store.files import existing
+from flgpr.types import PathLike
 
 VERDICTS = ("mine", "unsure", "clutter")
 VERDICTS_FORMAT = "flgpr-notes"
@@ -19,7 +20,7 @@ _MOST_TEXT = 500  # characters of an analyst's text
 _FARTHEST = 1e9  # coordinate of an alarm, m
 
 
-def read_verdicts(path: str | Path) -> list[dict[str, Any]]:
+def read_verdicts(path: PathLike) -> list[dict[str, Any]]:
     """Read the notes of a file that the viewer wrote or saved.
 
     Parameters
