@@ -188,4 +188,6 @@ def _notes(lane: ImagedRun) -> dict[str, Any]:
         notes["confidence"] = " + ".join(detector.features)
     elif lane.recipe.features is not None:
         notes["confidence"] = lane.steps.single
-    return notes | lane.stage_notes()
+    for stage in lane.all_stages:
+        notes |= stage.notes()
+    return notes

@@ -15,7 +15,7 @@ import pandas as pd
 import xarray as xr
 
 from flgpr.clutter import Background
-from flgpr.engine import PlannedPass, group_of
+from flgpr.engine import group_of
 from flgpr.imaging import ScanImager
 from flgpr.method.alarm_sums import check_column_count
 from flgpr.method.evidence import MOST_GATHERED, EvidenceSums
@@ -205,23 +205,9 @@ class ImagedRun:
         return self.explains and self.imager.run is self.setup.run
 
     @property
-    def _all_stages(self) -> list[Stage]:
+    def all_stages(self) -> list[Stage]:
         """Clutter stages, which clean data before there are images, and all others."""
         return [*self.clutter_stages.values(), *self.stages.values()]
-
-    def stage_passes(self) -> list[PlannedPass]:
-        """List the passes that the recipe's stages need before the first image is cleaned."""
-        passes = []
-        for stage in self._all_stages:
-            passes += stage.passes()
-        return passes
-
-    def stage_notes(self) -> dict[str, Any]:
-        """Return figures worth reporting of the recipe's stages, once their passes are done."""
-        notes: dict[str, Any] = {}
-        for stage in self._all_stages:
-            notes |= stage.notes()
-        return notes
 
     # Images of scans
 

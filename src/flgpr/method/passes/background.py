@@ -182,10 +182,9 @@ class LaneClutter(Pass):
     all_scans = True
 
     def __init__(self, lane: ImagedRun, block: range | None) -> None:
-        super().__init__(lane, block)
+        super().__init__(lane, block, {})
         chosen = chosen_scans(len(lane)).tolist()
         self._places = {index: place for place, index in enumerate(chosen)}
-        self._sums: Arrays = {}
 
     def add(self, scan: ImagedScan) -> None:
         """Add the clutter of a scan, if it is one of those that are looked at."""
@@ -200,19 +199,15 @@ class LaneClutter(Pass):
         for name, array in of_scan.items():
             arrays[name] = np.zeros((len(SIZES), *array.shape), array.dtype)
             arrays[name][size_number(place)] = array
-        self._merge(arrays)
+        self.merge(arrays)
 
     def state(self, exact: bool) -> Arrays:  # noqa: ARG002
         """Return the sums; none where no scan of the block is looked at."""
         return dict(self._sums)
 
     def merge(self, state: Mapping[str, AnyArray]) -> None:
-        """Add the sums of the block that follows."""
-        self._merge(state)
-
-    def _merge(self, arrays: Mapping[str, AnyArray]) -> None:
-        """Add sums to those so far."""
-        for name, array in arrays.items():
+        """Add the sums of the block that follows, or of a scan."""
+        for name, array in state.items():
             self._sums[name] = self._sums[name] + array if name in self._sums else np.array(array)
 
     def result(self) -> Arrays:

@@ -7,15 +7,13 @@ column is a stage such as ``stages/tracking.py``, and its row in ``stages/__init
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 import pandas as pd
 
 from flgpr.method.alarm_sums import AlarmSums
 from flgpr.method.imaged_run import ImagedRun, table_arrays
 from flgpr.method.passes.traversal import ImagedScan, Pass, features_key
-from flgpr.types import AnyArray, Arrays, FloatArray, IndexArray
+from flgpr.types import Arrays, FloatArray, IndexArray
 
 
 class Features(Pass):
@@ -31,22 +29,13 @@ class Features(Pass):
     cache_key = staticmethod(features_key)
 
     def __init__(self, lane: ImagedRun, block: range | None) -> None:
-        super().__init__(lane, block)
         alarms = lane.alarms()
         rows = np.arange(len(alarms)) if block is None else alarms_near(lane, alarms, block)
-        self._sums = AlarmSums(lane.steps, alarms.iloc[rows], rows)
+        super().__init__(lane, block, AlarmSums(lane.steps, alarms.iloc[rows], rows))
 
     def add(self, scan: ImagedScan) -> None:
         """Add a scan's values at the alarms that it sees."""
         self._sums.add(scan.cleaned)
-
-    def state(self, exact: bool) -> Arrays:  # noqa: ARG002
-        """Return the sums of the alarms that the block may see."""
-        return self._sums.state()
-
-    def merge(self, state: Mapping[str, AnyArray]) -> None:
-        """Merge the sums of the block that follows."""
-        self._sums.merge(state)
 
     def result(self) -> Arrays:
         """Return the features of all alarms."""
@@ -74,21 +63,12 @@ class Explain(Pass):
     cache_key = staticmethod(features_key)
 
     def __init__(self, lane: ImagedRun, block: range | None) -> None:
-        super().__init__(lane, block)
         poses = None if block is None else poses_near(lane, block)
-        self._sums = lane.evidence_sums(poses)
+        super().__init__(lane, block, lane.evidence_sums(poses))
 
     def add(self, scan: ImagedScan) -> None:
         """Cut patches about the alarms that the scan sees from near out of its images."""
         self._sums.add(self.lane.steps.labelled(scan.cleaned), scan.data)
-
-    def state(self, exact: bool) -> Arrays:  # noqa: ARG002
-        """Return the looks so far."""
-        return self._sums.state()
-
-    def merge(self, state: Mapping[str, AnyArray]) -> None:
-        """Merge the looks of the block that follows."""
-        self._sums.merge(dict(state))
 
     def result(self) -> Arrays:
         """Return the nearest looks, for :meth:`flgpr.method.evidence.EvidenceSums.merge`."""

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 
 from flgpr.engine import bundle_groups, concatenate, group_of
 from flgpr.method.imaged_run import ImagedRun, table_arrays
@@ -38,18 +37,16 @@ class RunView(Pass):
     cache_key = staticmethod(view_key)
 
     def __init__(self, lane: ImagedRun, block: range | None) -> None:
-        super().__init__(lane, block)
-        self._grid = lane.near
-        self._sums = lane.steps.view_sums(lane.grid, lane.rows_of(block))
+        super().__init__(lane, block, lane.steps.view_sums(lane.grid, lane.rows_of(block)))
         self._as_learnt = None
         if lane.replaces_map:
             self._as_learnt = lane.steps.view_sums(lane.grid, lane.rows_of(block))
 
     def add(self, scan: ImagedScan) -> None:
         """Lay a scan's image on the lane."""
-        self._sums.add(scan.magnitude(), self._grid, scan.pose)
+        self._sums.add(scan.magnitude(), self.lane.near, scan.pose)
         if self._as_learnt is not None:
-            self._as_learnt.add(scan.map_as_learnt(), self._grid, scan.pose)
+            self._as_learnt.add(scan.map_as_learnt(), self.lane.near, scan.pose)
 
     def state(self, exact: bool) -> Arrays:  # noqa: ARG002
         """Return the looks of the rows that the block reaches."""
@@ -66,11 +63,8 @@ class RunView(Pass):
 
     def result(self) -> Arrays:
         """Return the run-view; ranges stand beside the sub-bands."""
-        arrays: Arrays = {}
         values, looks = self._sums.result()
-        polarizations = len(values)
-        arrays["view"] = values.reshape(polarizations, -1, *values.shape[-2:])
-        arrays["looks"] = looks
+        arrays = {"view": values.reshape(len(values), -1, *values.shape[-2:]), "looks": looks}
         if self._as_learnt is not None:
             values, _ = self._as_learnt.result()
             arrays[_AS_LEARNT] = values.reshape(len(values), -1, *values.shape[-2:])
@@ -87,21 +81,12 @@ class PlainRunView(Pass):
     cache_key = staticmethod(view_key)
 
     def __init__(self, lane: ImagedRun, block: range | None) -> None:
-        super().__init__(lane, block)
-        self._grid = lane.near
-        self._sums = RunViewSums(lane.grid, lane.recipe.run_view.y_max, lane.rows_of(block))
+        sums = RunViewSums(lane.grid, lane.recipe.run_view.y_max, lane.rows_of(block))
+        super().__init__(lane, block, sums)
 
     def add(self, scan: ImagedScan) -> None:
         """Lay the magnitude of a scan's image on the lane."""
-        self._sums.add(np.abs(scan.near_image.values), self._grid, scan.pose)
-
-    def state(self, exact: bool) -> Arrays:  # noqa: ARG002
-        """Return the looks of the rows that the block reaches."""
-        return self._sums.state()
-
-    def merge(self, state: Mapping[str, AnyArray]) -> None:
-        """Merge the looks of the block that follows."""
-        self._sums.merge(dict(state))
+        self._sums.add(np.abs(scan.near_image.values), self.lane.near, scan.pose)
 
     def result(self) -> Arrays:
         """Return ``view`` and ``looks``, as of :class:`RunView`."""
@@ -132,11 +117,8 @@ class FrameAlarms(Pass):
 
     def add(self, scan: ImagedScan) -> None:
         """Add the alarms of a scan's image."""
-        if scan.index + 1 >= self.lane.setup.summed:
-            self._frames.append(self._raise(scan))
-
-    def _raise(self, scan: ImagedScan) -> Arrays:
-        """Return the alarms of a scan's image, with the scan's number and pose."""
+        if scan.index + 1 < self.lane.setup.summed:
+            return
         recipe = self.lane.recipe
         magnitude = scan.magnitude()[self._channel]
         grid = self.lane.near
@@ -146,7 +128,7 @@ class FrameAlarms(Pass):
             "pose": scan.pose[None],
             "count": np.array([len(alarms)]),
         }
-        return frame | table_arrays(alarms[["x", "y", "magnitude"]])
+        self._frames.append(frame | table_arrays(alarms[["x", "y", "magnitude"]]))
 
     def state(self, exact: bool) -> Arrays:  # noqa: ARG002
         """Return the alarms so far, by frame."""
@@ -211,7 +193,10 @@ class Maxima(Pass):
         view = lane.view(all_rows=True)
         channel = select(view, screen.polarization, screen.subband)
 
-        maxima = self._in_section(self._candidates(view, channel))
+        if lane.screener is None:
+            maxima = self._in_section(lane.steps.maxima(channel))
+        else:
+            maxima = self._in_section(lane.screener.alarms(view).select_dtypes("number"))
         places = maxima[["x", "y"]].to_numpy(dtype=np.float64)
         columns: dict[str, Any] = {name: maxima[name] for name in maxima.columns}
         for stage in lane.columns:
@@ -222,13 +207,6 @@ class Maxima(Pass):
         pixels_seen = np.count_nonzero(np.isfinite(channel.values[lane.own_rows]))
         groups = {"maximum": table_arrays(maxima)}
         return bundle_groups(groups) | {"seen": np.array(pixels_seen)}
-
-    def _candidates(self, view: xr.DataArray, channel: xr.DataArray) -> pd.DataFrame:
-        """Return the maxima of a channel, or what the recipe's screen stage raises on the view."""
-        lane = self.lane
-        if lane.screener is None:
-            return lane.steps.maxima(channel)
-        return lane.screener.alarms(view).select_dtypes("number")
 
     def _in_section(self, maxima: pd.DataFrame) -> pd.DataFrame:
         """Leave out the maxima of other sections; one between two rows belongs to the nearer."""

@@ -96,7 +96,8 @@ class ImagedScan:
 class Pass:
     """One pass over the scans of a lane, or over one block of them.
 
-    A subclass overrides what it does; by default a pass reads no scan and has no state.
+    A subclass overrides what it does; by default a pass reads no scan, and its state is that of the
+    sums that it gathers, or nothing.
 
     Parameters
     ----------
@@ -115,8 +116,9 @@ class Pass:
     #: gathers what the viewer shows beside the alarms; left out where nothing is to be explained
     explains: ClassVar[bool] = False
 
-    def __init__(self, lane: ImagedRun, block: range | None) -> None:  # noqa: ARG002
+    def __init__(self, lane: ImagedRun, block: range | None, sums: Any = None) -> None:  # noqa: ARG002
         self.lane = lane
+        self._sums = sums
 
     def add(self, scan: ImagedScan) -> None:
         """Add one scan's images, gains and pose."""
@@ -127,10 +129,12 @@ class Pass:
         With ``exact`` a pass that merges the state continues with the same bits. Without it the
         precision of the result suffices, and the state may be smaller.
         """
-        return {}
+        return {} if self._sums is None else self._sums.state()
 
     def merge(self, state: Mapping[str, AnyArray]) -> None:
         """Merge the state of the block that follows."""
+        if self._sums is not None:
+            self._sums.merge(dict(state))
 
     def result(self) -> Arrays:
         """Return what later passes read."""
@@ -166,25 +170,21 @@ def traversal(lane: ImagedRun, kinds: Sequence[type[Pass]], block: range | None)
         for member in passes.values():
             member.add(scan)
 
+    if len(passes) == 1:
+        (only,) = passes.values()
+        return Accumulator(add, only.state, only.merge, only.result)
+
     def state(exact: bool) -> Arrays:
-        return _joined({name: member.state(exact) for name, member in passes.items()})
+        return bundle_groups({name: member.state(exact) for name, member in passes.items()})
 
     def merge(state: Mapping[str, AnyArray]) -> None:
         for name, member in passes.items():
-            member.merge(state if len(passes) == 1 else group_of(state, name))
+            member.merge(group_of(state, name))
 
     def result() -> Arrays:
-        return _joined({name: member.result() for name, member in passes.items()})
+        return bundle_groups({name: member.result() for name, member in passes.items()})
 
     return Accumulator(add, state, merge, result)
-
-
-def _joined(groups: Mapping[str, Arrays]) -> Arrays:
-    """Return the arrays of the only group, or those of all in one mapping."""
-    if len(groups) > 1:
-        return bundle_groups(groups)
-    (only,) = groups.values()
-    return only
 
 
 def plan(lane: ImagedRun, *kinds: type[Pass]) -> PlannedPass:
@@ -206,11 +206,7 @@ def plan(lane: ImagedRun, *kinds: type[Pass]) -> PlannedPass:
     """
     chosen = [kind for kind in kinds if lane.explains or not kind.explains]
     first = chosen[0]
-    needs: list[str] = []
-    for kind in chosen:
-        for name in kind.needs:
-            if name not in needs:
-                needs.append(name)
+    needs = dict.fromkeys(name for kind in chosen for name in kind.needs)
     return PlannedPass(
         first.name,
         first.title,
