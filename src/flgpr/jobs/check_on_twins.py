@@ -23,7 +23,7 @@ from flgpr.model import Lane, Sensor, load_sensor
 from flgpr.model.motion import plausible_run
 from flgpr.model.run_sensor import sensor_of_run
 from flgpr.progress import Track, silent
-from flgpr.recipe.make import fit_recipe, with_ground_below
+from flgpr.recipe.make import filled_ground, fit_recipe, with_ground_below
 from flgpr.recipe.radar_setup import radar_setup
 from flgpr.recipe.schema import Recipe, parse_recipe
 from flgpr.scoring import Match, match, side_by_side
@@ -52,8 +52,6 @@ _CORRELATION = 0.1  # m
 _ROCKS = 0.2  # per m²
 _LOOKS = 10  # at a place at most
 _POSITION = (0.9, 1.1)  # of a step: scans are not quite evenly apart
-# Antenna heights beyond the images that hold clutter, too: aside, before and behind.
-_FILLED = (0.2, 0.3, 0.4)
 
 
 @dataclass(frozen=True)
@@ -110,7 +108,7 @@ def plan_twins(
     setup = radar_setup(run)
     base = load_sensor(settings.antennas if settings.sensor == OWN_ARRAY else settings.sensor)
     base = base.model_copy(update={"specular_echo": echoes, "direct_wave": echoes})
-    filled = _filled(recipe, setup.height)
+    filled = filled_ground(recipe.image.x, recipe.image.y, setup.height)
     sensor = sensor_of_run(run, base, filled)
     if sensor.has_specular_echo:
         sensor = with_ground_below(sensor, filled)
@@ -143,18 +141,6 @@ def plan_twins(
         stop=length - near,
         step=max(own_step, (far - near) / _LOOKS),
         soils=_soils_of(settings.soils),
-    )
-
-
-def _filled(recipe: Recipe, height: float) -> tuple[float, float, float, float]:
-    """Return the ground that holds clutter: that of the images, and what surrounds it, m."""
-    aside, before, behind = _FILLED
-    (left, right), (near, far) = recipe.image.x, recipe.image.y
-    return (
-        left - aside * height,
-        right + aside * height,
-        near - before * height,
-        far + behind * height,
     )
 
 

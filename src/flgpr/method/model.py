@@ -9,6 +9,7 @@ from typing import Any
 
 import flgpr
 from flgpr.door import Folder
+from flgpr.engine import bundle_groups
 from flgpr.json_text import check_format
 from flgpr.method.classifier import Classifier
 from flgpr.method.estimators import TrainedEstimator
@@ -135,14 +136,10 @@ def save_model(
     }
     if model.ground is not None:
         head["ground"] = model.ground.model_dump(mode="json")
-    arrays = {}
-    for stage, group in groups.items():
-        for name, array in group.items():
-            arrays[f"{stage}.{name}"] = array
     folder.parent.mkdir(parents=True, exist_ok=True)
     with atomic_output(folder, replace=True) as partial:
         partial.mkdir()
-        write_bundle(partial / MODEL_FILE, arrays, head, lasting=True)
+        write_bundle(partial / MODEL_FILE, bundle_groups(groups, "."), head, lasting=True)
     return folder
 
 

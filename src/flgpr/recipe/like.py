@@ -182,9 +182,9 @@ class _Fitted:
         self._set("image", "x", list(self.figures.image_x))
         self._set("image", "y", list(self.figures.image_y))
         self._set("image", "spacing", self.figures.fine)
-        if self.figures.window != self.model.image.window:
-            self._set("image", "window", self.figures.window)
-        if self.figures.aperture:
+        if self.figures.method.window != self.model.image.window:
+            self._set("image", "window", self.figures.method.window)
+        if self.figures.setup.aperture:
             self._set("image", "frames", "all")
         if self.model.image.polarizations:
             self._set(
@@ -201,26 +201,26 @@ class _Fitted:
     def _fit_clutter(self) -> None:
         """Take the ground's echo out where no self-signature does."""
         self.tables.pop("clutter", None)
-        if self.figures.early:
+        if self.figures.method.early:
             # It comes first, among the entries without a table.
             self.tables = {"clutter": [EARLY], **self.tables}
             self.reasons["clutter"] = self.figures.reasons["clutter"]
 
     def _fit_length(self, table: str, entry: str, length: str, own: float) -> None:
         """Fit a length that follows the height, where another one comes out."""
-        fitted = self.figures.lengths[length]
+        fitted = self.figures.method.lengths[length]
         if fitted != own:
             self._set(table, entry, fitted)
 
     def _measured(self, wanted: tuple[str, ...]) -> list[str]:
         """Return the polarizations of the model that the run has, or the best that it has."""
-        labels = [label for label in wanted if label in self.figures.polarizations]
+        labels = [label for label in wanted if label in self.figures.setup.polarizations]
         return labels or [self.figures.polarization]
 
     def _fit_background(self) -> None:
         """Fit the self-signature and the pixels of the median."""
         method = "none"
-        if self.figures.drives:
+        if self.figures.setup.drives:
             method = self.model.background.self_signature
             if method == "none":
                 method = "mean"
@@ -290,7 +290,7 @@ class _Fitted:
         elif contrast.subband not in self.figures.bands:
             self._set("contrast", "subband", next(iter(self.figures.bands)), "all of its band")
         patch = contrast.size * contrast.spacing
-        fitted_patch = self.figures.lengths["patch"]
+        fitted_patch = self.figures.method.lengths["patch"]
         if spacing == contrast.spacing and fitted_patch == patch:
             return
         reason = "" if fitted_patch != patch else f"{patch:g} m"

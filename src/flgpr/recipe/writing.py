@@ -59,33 +59,33 @@ def _tables(figures: Figures) -> dict[str, Any]:
         "x": figures.image_x,
         "y": figures.image_y,
         "spacing": figures.fine,
-        "window": figures.window,
+        "window": figures.method.window,
     }
-    if figures.aperture:
+    if figures.setup.aperture:
         image["frames"] = "all"
     image["subbands"] = figures.edges
     channel = {"polarization": figures.polarization, "subband": figures.subband}
     tables: dict[str, Any] = {
         "name": "fitted",
         "description": f"{confidence} after Wang et al. 2007, {figures.fitted_to}",
-        **({"clutter": [EARLY]} if figures.early else {}),
+        **({"clutter": [EARLY]} if figures.method.early else {}),
         "image": image,
         "background": {
-            "self_signature": "mean" if figures.drives else "none",
+            "self_signature": "mean" if figures.setup.drives else "none",
             "median": _MEDIAN,
-            "mean": figures.lengths["mean"],
+            "mean": figures.method.lengths["mean"],
             "median_step": figures.median_step,
         },
         "run_view": {"x": figures.view_x, "spacing": spacing, "y_max": figures.y_max},
         "prescreen": {
             **channel,
-            "radius": figures.lengths["radius"],
+            "radius": figures.method.lengths["radius"],
             "density": _DENSITY,
-            "count": "view" if figures.aperture else "lane",
+            "count": "view" if figures.setup.aperture else "lane",
         },
         "contrast": {
             **channel,
-            "size": pixels_of([figures.lengths["patch"]], spacing)[0],
+            "size": pixels_of([figures.method.lengths["patch"]], spacing)[0],
             "spacing": spacing,
             "inner": pixels_of(_INNER, spacing),
             "guard": pixels_of(_GUARD, spacing),
