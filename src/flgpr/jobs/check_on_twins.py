@@ -130,6 +130,8 @@ def plan_twins(
         )
     steps = np.diff(np.sort(driven))
     own_step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    # Neither the driest nor the wettest soil, if there are others.
+    ordered = tuple(sorted(settings.soils))
     return TwinPlan(
         sensor=sensor,
         middle=(left + right) / 2,
@@ -140,14 +142,8 @@ def plan_twins(
         start=-far,
         stop=length - near,
         step=max(own_step, (far - near) / _LOOKS),
-        soils=_soils_of(settings.soils),
+        soils=(ordered[1:-1] or ordered),
     )
-
-
-def _soils_of(soils: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
-    """Return the soils of a recipe but the driest and the wettest, if it has others."""
-    ordered = tuple(sorted(soils))
-    return ordered[1:-1] or ordered
 
 
 def draw_scene(plan: TwinPlan, number: int, seed: int) -> Scene:

@@ -61,17 +61,12 @@ def keeps_result(job: LaneJob, sections: Sequence[Section], overwrite: bool = Fa
         raise output_exists_error(job.folder, f"{OVERWRITE}, or choose another output")
     if _lacks_report(job, manifests):
         return False
-    _delete_leftovers(job)
-    return True
-
-
-def _delete_leftovers(job: LaneJob) -> None:
-    """Delete what a kill left beside a result that is whole."""
     for path in (done_folder(job.work), replaced_by(job.folder)):
         shutil.rmtree(path, ignore_errors=True)
     if job.work.is_dir():
         with work_until_done(job):
             pass  # all of it is done
+    return True
 
 
 def whole_results(job: LaneJob) -> list[Path]:

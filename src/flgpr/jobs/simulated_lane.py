@@ -90,7 +90,25 @@ def simulate_to_store(
     store = Path(output)
     simulator = Simulator(scene, sensor, seed, errors)
     try:
-        begun = _begin_store(store, simulator, scene, sensor, errors, resume)
+        tx, rx = sensor.pairs()
+        attrs = simulator.attributes() | {
+            "source": "simulated by flgpr",
+            "title": scene.name,
+            "scene_sha256": _digest(scene),
+        }
+        inputs = {"flgpr": __version__, "sensor_sha256": _digest(sensor), "errors": errors}
+        polarization = list(sensor.polarization)
+        begun = RunWriter(
+            store,
+            simulator.frequency,
+            polarization,
+            tx,
+            rx,
+            attrs,
+            resume=resume,
+            inputs=inputs,
+            limits=simulator.limits(),
+        )
     except RunExistsError as error:
         if not error.same:
             raise
@@ -112,31 +130,6 @@ def simulate_to_store(
         for scan in track(range(done, total), label, total - done):
             writer.append(simulator.scan(scan), poses[scan], float(simulator.time[scan]))
     return written
-
-
-def _begin_store(
-    store: Path, simulator: Simulator, scene: Scene, sensor: Sensor, errors: bool, resume: bool
-) -> RunWriter:
-    """Begin the run store of a lane, or continue it."""
-    tx, rx = sensor.pairs()
-    attrs = simulator.attributes() | {
-        "source": "simulated by flgpr",
-        "title": scene.name,
-        "scene_sha256": _digest(scene),
-    }
-    inputs = {"flgpr": __version__, "sensor_sha256": _digest(sensor), "errors": errors}
-    polarization = list(sensor.polarization)
-    return RunWriter(
-        store,
-        simulator.frequency,
-        polarization,
-        tx,
-        rx,
-        attrs,
-        resume=resume,
-        inputs=inputs,
-        limits=simulator.limits(),
-    )
 
 
 def _write_truth(store: Path, simulator: Simulator, truth: PathLike | None) -> list[Path]:

@@ -126,11 +126,15 @@ def train_on_lanes(
     lanes = [TrainingLane(job, read_table(job.truth[0], "truth")) for job in jobs]
     refuse_links(_work_folder(output, "training"), _work_folder(output, "images"))
     check_free_model(output).parent.mkdir(parents=True, exist_ok=True)
+    inputs = []
+    for job in jobs:
+        others = {name: digest for name, _, digest in job.others}
+        inputs.append({"truth": job.truth[1], "lane": asdict(Lane(*job.lane)), "others": others})
     notes = {
         "recipe": recipe.name,
         "recipe_sha256": sha256(text.encode()),
         "runs": [job.store_sha256 for job in jobs],
-        "made_of": _inputs_digest(jobs, features, label_radius),
+        "made_of": sha256(canonical_json([inputs, list(features), label_radius, code_versions()])),
     }
     if not overwrite and _holds_model(output, notes):
         _clear_work_folders(output, options)
@@ -147,15 +151,6 @@ def train_on_lanes(
         save_model(training.model, partial, notes)
     _clear_work_folders(output, options)
     return training.model
-
-
-def _inputs_digest(jobs: Sequence[LaneJob], features: Sequence[str], label_radius: float) -> str:
-    """Return a digest of what a model depends on beside the recipe and the runs."""
-    inputs = []
-    for job in jobs:
-        others = {name: digest for name, _, digest in job.others}
-        inputs.append({"truth": job.truth[1], "lane": asdict(Lane(*job.lane)), "others": others})
-    return sha256(canonical_json([inputs, list(features), label_radius, code_versions()]))
 
 
 def _holds_model(folder: Path, notes: Mapping[str, Any]) -> bool:

@@ -84,7 +84,9 @@ class AlarmBook:
                 state,
                 first_left,
             )
-            if known is None or _differs(alarm, known):
+            if known is None or any(
+                getattr(alarm, name) != getattr(known, name) for name in _REPORTED
+            ):
                 changed.append(alarm)
             self.open[alarm_id] = alarm
         for alarm_id in unmatched:
@@ -122,11 +124,6 @@ class AlarmBook:
         names = [f"{_ALARM_PREFIX}{number:.0f}" for number in table["alarm_id"]]
         table = table.assign(alarm_id=names, scans=table["scans"].astype(int))
         return table.sort_values("confidence", ascending=False, kind="stable", ignore_index=True)
-
-
-def _differs(alarm: LiveAlarm, known: LiveAlarm) -> bool:
-    """Return whether an alarm changed in what is reported."""
-    return any(getattr(alarm, name) != getattr(known, name) for name in _REPORTED)
 
 
 def _alarm_numbers(alarm: LiveAlarm) -> list[float]:

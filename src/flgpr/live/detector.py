@@ -295,7 +295,16 @@ class LiveDetector:
             background,
             needs_own_phase=self.mapper is not None,
         )
-        earlier_sums = self._extend_history(cleaned)
+        history = sorted([*self.history, cleaned], key=lambda scan: scan.number)[-_MOST_SCANS:]
+        earlier_sums = self._sums
+        # No sums until this scan has entered them, which may fail.
+        self._sums = None
+        is_last = history[-1] is cleaned
+        if not is_last or len(history) <= len(self.history):
+            # A late scan belongs before others, and what a forgotten scan added cannot be
+            # subtracted.
+            earlier_sums = None
+        self.history = history
         left_behind = self._jump(newest_pose)
         row, view = self._add_look(cleaned, newest_pose)
         changed = left_behind + self._raise(view, newest_pose, earlier_sums)
@@ -314,23 +323,6 @@ class LiveDetector:
             return False
         moved = np.hypot(*(pose[:2] - self.newest[1][:2]))
         return bool(moved < self.settings.least_step)
-
-    def _extend_history(self, cleaned: CleanedImages) -> AlarmSums | None:
-        """Add a cleaned scan to the history.
-
-        Return the sums of the scans before if they can be continued.
-        """
-        history = sorted([*self.history, cleaned], key=lambda scan: scan.number)[-_MOST_SCANS:]
-        earlier_sums = self._sums
-        # No sums until this scan has entered them, which may fail.
-        self._sums = None
-        is_last = history[-1] is cleaned
-        if not is_last or len(history) <= len(self.history):
-            # A late scan belongs before others, and what a forgotten scan added cannot be
-            # subtracted.
-            earlier_sums = None
-        self.history = history
-        return earlier_sums
 
     def learn(self) -> None:
         """Do the work that the next scan needs and no alarm of this scan waits for.
@@ -431,23 +423,22 @@ class LiveDetector:
         pose = np.asarray(scan.pose, np.float64)
         key = tuple(pose[[2, 4, 5]])
         if self._operator is None or self._operator[0] != key:
-            self._operator = key, self._imaging_operator(pose)
+            radar = self.description
+            table = self.recipe.image
+            self._operator = (
+                key,
+                ImagingOperator(
+                    radar.frequency,
+                    vehicle_to_scan(radar.tx_position, pose),
+                    vehicle_to_scan(radar.rx_position, pose),
+                    self._pixels,
+                    [table.subbands[name] for name in self.steps.subbands],
+                    table.tolerance,
+                    window=self._taper,
+                    device=table.device,
+                ),
+            )
         return np.asarray(self._operator[1].adjoint(scan.signal[self._imaged]), np.complex64)
-
-    def _imaging_operator(self, pose: FloatArray) -> ImagingOperator:
-        """Build the operator of the imaged sub-bands for the antennas at a pose."""
-        radar = self.description
-        table = self.recipe.image
-        return ImagingOperator(
-            radar.frequency,
-            vehicle_to_scan(radar.tx_position, pose),
-            vehicle_to_scan(radar.rx_position, pose),
-            self._pixels,
-            [table.subbands[name] for name in self.steps.subbands],
-            table.tolerance,
-            window=self._taper,
-            device=table.device,
-        )
 
     def _reach(self, pose: FloatArray) -> tuple[float, float]:
         """Return the first and the last lane y that a scan can see."""

@@ -109,7 +109,12 @@ class EventRate:
         """Count the event of a fault; return whether it is written by itself."""
         now = self._clock()
         kind = event["event"]
-        flood = self._flood(kind, _gist(event), now)
+        # The first three words of a problem without numbers identify its kind.
+        problem = re.sub(r"\d[\d,.]*", "0", str(event.get("words", ""))[:200])
+        gist = " ".join(problem.split()[:3])
+        if (kind, gist) not in self._floods and len(self._floods) >= _MOST_KINDS:
+            gist = ""  # one collects all others
+        flood = self._floods.setdefault((kind, gist), _Flood(now, now))
         if now - flood.last > _PERIOD[kind] and not flood.left_out:
             flood.singly = 0
         flood.last = now
@@ -120,21 +125,6 @@ class EventRate:
         flood.left_out += 1
         flood.event = event
         return False
-
-    def _flood(self, kind: str, gist: str, now: float) -> _Flood:
-        """Return the flood of a kind and gist.
-
-        Beyond so many, one without a gist collects the others.
-        """
-        if (kind, gist) not in self._floods and len(self._floods) >= _MOST_KINDS:
-            gist = ""
-        return self._floods.setdefault((kind, gist), _Flood(now, now))
-
-
-def _gist(event: Event) -> str:
-    """Return the first three words of a problem without numbers: they identify its kind."""
-    problem = re.sub(r"\d[\d,.]*", "0", str(event.get("words", ""))[:200])
-    return " ".join(problem.split()[:3])
 
 
 def _summary(flood: _Flood, now: float) -> Event | None:

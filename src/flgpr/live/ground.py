@@ -95,11 +95,6 @@ class RunningGround:
                 before = self._sums.get(name, np.zeros_like(array))
                 self._sums[name] = keep * before + array
         self._scans += 1
-        self.comparison = self._compare(image, background)
-        return self._settle()
-
-    def _compare(self, image: xr.DataArray, background: Background) -> Comparison:
-        """Compare what was summed, and the level of the background once it has settled."""
         ground = self._ground
         near = self._grid.y_min
         figures = []
@@ -115,10 +110,7 @@ class RunningGround:
             scans = min(self._scans, MOST_SCANS)
             whitener = self._mapper.learnt["whitener"]
             figures += compare_clutter(ground, self._sums, scans, whitener, near)
-        return Comparison(tuple(figures))
-
-    def _settle(self) -> Comparison | None:
-        """Return the comparison if the verdict changes with it."""
+        self.comparison = Comparison(tuple(figures))
         self._agreeing = self._agreeing + 1 if self.comparison.unlike != self.unlike else 0
         if self._agreeing < AGREEING:
             return None

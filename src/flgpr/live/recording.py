@@ -120,7 +120,10 @@ def play_recording(
             arrived = begin + number / rate
             if _wait_until(arrived + scan.latency, file, wait):
                 return number
-            file.append(_dated(event, arrived) for event in scan.events)
+            file.append(
+                ({**event, "arrived": round(arrived, 3)} if event["event"] == "scan" else event)
+                for event in scan.events
+            )
         file.append(after)
     return len(scans)
 
@@ -140,8 +143,3 @@ def _wait_until(moment: float, file: EventFile, wait: Callable[[float], bool]) -
         file.beat()
         left = moment - time.time()
     return False
-
-
-def _dated(event: Event, arrived: float) -> Event:
-    """Return an event; a scan arrived at a moment, s since 1970."""
-    return {**event, "arrived": round(arrived, 3)} if event["event"] == "scan" else event

@@ -242,7 +242,11 @@ class _Sender(threading.Thread):
             if data:
                 heard = now
                 self.has_sent = True
-                if not self._begins_as_frame(data):
+                # The first bytes must be those of a frame, where a sender has to greet with one.
+                length = min(len(self._greeting), len(data))
+                begins = data[:length] == self._greeting[:length]
+                self._greeting = self._greeting[length:]
+                if not begins:
                     self._inbox.count_sender("ended")
                     return
             paused = now - heard > self._limits.pause
@@ -285,13 +289,6 @@ class _Sender(threading.Thread):
         """Let the thread end, as if the sender had left."""
         with contextlib.suppress(OSError):
             self._connection.shutdown(socket.SHUT_RDWR)
-
-    def _begins_as_frame(self, data: bytes) -> bool:
-        """Return whether the first bytes that came are those of a frame, where they must be."""
-        length = min(len(self._greeting), len(data))
-        begins = data[:length] == self._greeting[:length]
-        self._greeting = self._greeting[length:]
-        return begins
 
     def _receive(self, most: int = _CHUNK) -> bytes | None:
         """Return what came; None if nothing did for a moment, no bytes if nothing more comes."""

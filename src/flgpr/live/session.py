@@ -35,7 +35,6 @@ from flgpr.live.event_types import (
     EndEvent,
     Event,
     ResumeEvent,
-    StartEvent,
 )
 from flgpr.live.events import (
     EVENT_FILE,
@@ -451,7 +450,11 @@ class LiveRun:
             return lines
         if not self._started and detector.first_pose is not None:
             self._started = True
-            lines.append(self._start_event(detector, intake.description))
+            reference = intake.description.attrs.get("georeference")
+            anchor = self._alarms.anchor
+            if self.options.anchor is not None and anchor is not None:
+                reference = anchor.georeference()
+            lines.append(start_event(intake.description.title, detector, reference, self.vehicle))
         settled = [*update.released, (scan, update)]
         for settled_scan, change in settled:
             # Scans that are released, and one that was not left out, are settled.
@@ -488,14 +491,6 @@ class LiveRun:
             intake.judged(released_scan.number, change.outcome, None)
         intake.judged(scan.number, update.outcome, None if update.anew else newest)
         return update, update.words
-
-    def _start_event(self, detector: LiveDetector, description: RunDescription) -> StartEvent:
-        """Return the event that detection starts."""
-        reference = description.attrs.get("georeference")
-        anchor = self._alarms.anchor
-        if self.options.anchor is not None and anchor is not None:
-            reference = anchor.georeference()
-        return start_event(description.title, detector, reference, self.vehicle)
 
     def _snapshot(self) -> Snapshot:
         """Return the state of detector and intake."""

@@ -236,7 +236,18 @@ class FolderWatch(Source):
             self._known.add(name)
             return self.inbox.put(Arrival("frame", name, time.time(), value=ScanFileError(error)))
         except OSError as error:
-            return self._cannot_read(name, error)
+            # The radar may give the right to read it after it has written it.
+            now = time.time()
+            size, since = self._growing.get(name, (_UNREADABLE, now))
+            if size != _UNREADABLE:
+                since = now
+            if now - since < _PATIENCE:
+                self._growing[name] = (_UNREADABLE, since)
+                return False
+            self._growing.pop(name, None)
+            self._known.add(name)
+            fault = ScanFileError(f"file must be readable, got {error.strerror or error}")
+            return self.inbox.put(Arrival("frame", name, now, value=fault))
         if self._grows(name, data, status.st_size):
             return False
         self._known.add(name)
@@ -244,23 +255,6 @@ class FolderWatch(Source):
             self._cut[name] = status.st_size
         when = max(status.st_ctime, self._began)
         return self.inbox.put(Arrival("frame", name, when, data))
-
-    def _cannot_read(self, name: str, error: OSError) -> bool:
-        """Hand a file over as bad that cannot be read; return False while that may change.
-
-        The radar may give the right to read it after it has written it.
-        """
-        now = time.time()
-        size, since = self._growing.get(name, (_UNREADABLE, now))
-        if size != _UNREADABLE:
-            since = now
-        if now - since < _PATIENCE:
-            self._growing[name] = (_UNREADABLE, since)
-            return False
-        self._growing.pop(name, None)
-        self._known.add(name)
-        fault = ScanFileError(f"file must be readable, got {error.strerror or error}")
-        return self.inbox.put(Arrival("frame", name, now, value=fault))
 
     def _grows(self, name: str, data: bytes, size: int) -> bool:
         """Return whether a file is shorter than its header states and may still be completed."""

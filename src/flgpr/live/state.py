@@ -59,7 +59,32 @@ def take_snapshot(
     header, arrays
         The state, as :func:`write_snapshot` takes it.
     """
-    header = _header(detector, intake, names, fingerprint)
+    newest = None
+    if detector.newest is not None:
+        newest = [detector.newest[0], detector.newest[1].tolist()]
+    scalars: dict[str, float | None] = {
+        "named": detector.alarms.count,
+        "seen_area": detector.density.final_area,
+    }
+    for name in _SCALARS:
+        value = getattr(detector, name)
+        scalars[name] = value if np.isfinite(value) else None
+    header: dict[str, Any] = {
+        "format": FORMAT,
+        "version": VERSION,
+        "fingerprint": fingerprint,
+        "run": detector.description.as_json(),
+        "names": sorted(names),
+        "intake": intake.state(),
+        "gate": detector.gate.state(),
+        "held": list(detector.held),
+        "history": [scan.number for scan in detector.history],
+        "alarms": [asdict(alarm) for alarm in detector.alarms.open.values()],
+        "first_pose": None if detector.first_pose is None else detector.first_pose.tolist(),
+        "before": None if detector.previous_pose is None else detector.previous_pose.tolist(),
+        "newest": newest,
+        "scalars": scalars,
+    }
     header["health"], of_health = intake.health.state()
     # Copies, or such as are never changed in place.
     groups: dict[str, Arrays] = {
@@ -81,38 +106,6 @@ def take_snapshot(
         groups[f"held{number}"] = {"signal": held_scan.signal}
     groups["health"] = of_health
     return header, bundle_groups(groups, ".")
-
-
-def _header(
-    detector: LiveDetector, intake: Intake, names: set[str], fingerprint: str
-) -> dict[str, Any]:
-    """Return what is no array of a detector and its intake, as JSON values."""
-    newest = None
-    if detector.newest is not None:
-        newest = [detector.newest[0], detector.newest[1].tolist()]
-    scalars: dict[str, float | None] = {
-        "named": detector.alarms.count,
-        "seen_area": detector.density.final_area,
-    }
-    for name in _SCALARS:
-        value = getattr(detector, name)
-        scalars[name] = value if np.isfinite(value) else None
-    return {
-        "format": FORMAT,
-        "version": VERSION,
-        "fingerprint": fingerprint,
-        "run": detector.description.as_json(),
-        "names": sorted(names),
-        "intake": intake.state(),
-        "gate": detector.gate.state(),
-        "held": list(detector.held),
-        "history": [scan.number for scan in detector.history],
-        "alarms": [asdict(alarm) for alarm in detector.alarms.open.values()],
-        "first_pose": None if detector.first_pose is None else detector.first_pose.tolist(),
-        "before": None if detector.previous_pose is None else detector.previous_pose.tolist(),
-        "newest": newest,
-        "scalars": scalars,
-    }
 
 
 def write_snapshot(path: Path, snapshot: Snapshot) -> None:

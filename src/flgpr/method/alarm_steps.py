@@ -132,39 +132,31 @@ class AlarmSteps:
         if lacks_hits and not self.targets.number:
             return []
         if lacks_hits and not self.left:
-            return self._smaller_shares(recipe)
+            stages = recipe.named()
+            changes = []
+            for name in self.spent:
+                share = getattr(stages[name].settings, "share", 0.0)
+                if share > HALF:
+                    changes.append(Change("share", HALF, share, header(name)))
+            return changes
         if lacks_hits:
             fewer_features_help = self.hits_left > 0
         else:
             fewer_features_help = self._lacks_false_alarms(trained_on) and self.false_alarms > 0
         if fewer_features_help:
-            return self._fewer_features(recipe, trained_on)
+            usable = []
+            for feature, (hits, false_alarms) in self.have.items():
+                enough_hits = hits > 0 or trained_on == "clutter"
+                enough_false_alarms = false_alarms > 0 or trained_on == "mines"
+                if enough_hits and enough_false_alarms:
+                    usable.append(feature)
+            if not 0 < len(usable) < len(self.have):
+                return []
+            present = list(self.have)
+            if recipe.detector is not None:
+                present = list(recipe.detector.features)
+            return [Change("features", usable, present, "[detector]")]
         return screen_changes(recipe)
-
-    def _smaller_shares(self, recipe: Recipe) -> list[Change]:
-        """Return the changes by which stages learn from fewer of the targets."""
-        stages = recipe.named()
-        changes = []
-        for name in self.spent:
-            share = getattr(stages[name].settings, "share", 0.0)
-            if share > HALF:
-                changes.append(Change("share", HALF, share, header(name)))
-        return changes
-
-    def _fewer_features(self, recipe: Recipe, trained_on: TrainedOn) -> list[Change]:
-        """Return the change to those features that some example of every class has."""
-        usable = []
-        for feature, (hits, false_alarms) in self.have.items():
-            enough_hits = hits > 0 or trained_on == "clutter"
-            enough_false_alarms = false_alarms > 0 or trained_on == "mines"
-            if enough_hits and enough_false_alarms:
-                usable.append(feature)
-        if not 0 < len(usable) < len(self.have):
-            return []
-        present = list(self.have)
-        if recipe.detector is not None:
-            present = list(recipe.detector.features)
-        return [Change("features", usable, present, "[detector]")]
 
 
 def screen_changes(recipe: Recipe) -> list[Change]:

@@ -141,7 +141,9 @@ def assemble(lane: ImagedRun, ranked: RankedAlarms) -> Detection:
     }
     if lane.explains:
         screen = lane.recipe.prescreen
-        evidence = _evidence(lane, ranked)
+        sums = lane.evidence_sums()
+        sums.merge(group_of(lane.results["features"], "explain"))
+        evidence = in_order(sums.result(), ranked.rows)
         entries |= {
             "channel": (screen.polarization, screen.subband),
             "contributions": _contributions(lane, ranked, evidence),
@@ -155,13 +157,6 @@ def _gives_odds(lane: ImagedRun) -> bool:
     """Return whether the confidence is the log odds of a mine: only then it is calibrated."""
     detector = lane.model.detector
     return isinstance(detector, TrainedEstimator) and detector.linear_in_magnitude
-
-
-def _evidence(lane: ImagedRun, ranked: RankedAlarms) -> Evidence:
-    """Return what explains the alarms, in their order."""
-    sums = lane.evidence_sums()
-    sums.merge(group_of(lane.results["features"], "explain"))
-    return in_order(sums.result(), ranked.rows)
 
 
 def _contributions(lane: ImagedRun, ranked: RankedAlarms, evidence: Evidence) -> pd.DataFrame:

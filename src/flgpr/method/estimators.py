@@ -218,23 +218,16 @@ def _make_estimator(table: DetectorTable, features: Sequence[str]) -> Any:
                 f"detector.options of {table.estimator} must not hold groups, as every entry of "
                 f"detector.features is one, got {options['groups']!r}"
             )
-        options["groups"] = _group_sizes(features, table.features)
+        entries = []
+        for name in features:
+            entries.append(
+                next((entry for entry in table.features if fnmatchcase(name, entry)), name)
+            )
+        options["groups"] = tuple(len(list(group)) for _, group in groupby(entries))
     try:
         return trained_class(table.estimator)(**options)
     except TypeError as error:
         raise ValueError(f"detector.options do not fit {table.estimator}: {error}") from None
-
-
-def _group_sizes(features: Sequence[str], patterns: Sequence[str]) -> tuple[int, ...]:
-    """Return the sizes of the groups of columns that the entries of a detector's features name.
-
-    A column belongs to the first entry that names it, and a group are those that follow one
-    another. A column that no entry names is a group of its own.
-    """
-    entries = []
-    for name in features:
-        entries.append(next((entry for entry in patterns if fnmatchcase(name, entry)), name))
-    return tuple(len(list(group)) for _, group in groupby(entries))
 
 
 def _check_examples(table: DetectorTable, hits: int, false_alarms: int) -> None:

@@ -148,7 +148,18 @@ class ImagedRun:
             self.mapper.substitute = lambda: "own" if self.replaces_map else ""
         self.screener = self._first_stage(ScreenStage)
         self.columns = [stage for stage in self.stages.values() if isinstance(stage, FeatureStage)]
-        self.steps = self._steps()
+        image_stages = {}
+        for name, stage in self.stages.items():
+            if isinstance(stage, FeatureStage) and stage.columns:
+                image_stages[name] = stage
+        self.steps = Steps(
+            recipe=self.recipe,
+            polarizations=self.polarizations,
+            subbands=list(self.recipe.image.subbands),
+            grid=self.near,
+            stages=image_stages,
+            detector=self.model.detector,
+        )
         if not self.untrained:
             names = self._column_names()
             check_confidence(recipe, names)
@@ -170,21 +181,6 @@ class ImagedRun:
             if isinstance(stage, kind):
                 return stage
         return None
-
-    def _steps(self) -> Steps:
-        """Make the steps that the recipe takes with images, a run-view and alarms."""
-        image_stages = {}
-        for name, stage in self.stages.items():
-            if isinstance(stage, FeatureStage) and stage.columns:
-                image_stages[name] = stage
-        return Steps(
-            recipe=self.recipe,
-            polarizations=self.polarizations,
-            subbands=list(self.recipe.image.subbands),
-            grid=self.near,
-            stages=image_stages,
-            detector=self.model.detector,
-        )
 
     @property
     def polarizations(self) -> list[str]:

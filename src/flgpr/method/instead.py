@@ -135,7 +135,9 @@ def describe_trust(lane: ImagedRun, detections: Sequence[Detection]) -> dict[str
     stands_out = what_stands_out(detections[0].alarms, ground, detector)
     described: dict[str, Any] = {"stands_out": stands_out.as_json()}
     if lane.trust.far is not None:
-        described["far"] = describe_threshold(lane, detections[0].alarms)
+        described["far"] = rate_threshold(lane, detections[0].alarms).as_json(
+            int(detections[0].alarms[ABOVE].sum())
+        )
     unlike = describe_unlike(lane, detections)
     if unlike is not None:
         described["unlike"] = unlike
@@ -191,8 +193,3 @@ def mark_threshold(lane: ImagedRun, detection: Detection) -> Detection:
     threshold = rate_threshold(lane, detection.alarms).threshold
     above = detection.alarms["confidence"] > (np.inf if threshold is None else threshold)
     return replace(detection, alarms=detection.alarms.assign(**{ABOVE: above.astype(int)}))
-
-
-def describe_threshold(lane: ImagedRun, alarms: pd.DataFrame) -> dict[str, Any]:
-    """Return what a manifest says of the threshold for a false-alarm rate."""
-    return rate_threshold(lane, alarms).as_json(int(alarms[ABOVE].sum()))

@@ -222,34 +222,30 @@ def parse_model(data: bytes, folder: PathLike) -> Model:
         If they are no model of this version, or one that was altered.
     """
     try:
-        return _restored(Bundle(Path(folder) / MODEL_FILE, data))
+        bundle = Bundle(Path(folder) / MODEL_FILE, data)
+        head = bundle.about
+        check_format(head, FORMAT, VERSION)
+        groups: dict[str, Arrays] = {name: {} for name in [*_stage_names(head), DETECTOR]}
+        for name, array in bundle.items():
+            stage, _, array_name = name.rpartition(".")
+            groups[stage][array_name] = array
+        detector_arrays = groups.pop(DETECTOR)
+        notes = dict(head["notes"])
+        detector: Detector | None = None
+        if head["detector"] is not None:
+            kind = Classifier if head["detector"]["estimator"] == "fisher" else TrainedEstimator
+            detector = kind.restored(head["detector"], detector_arrays, notes)
+        elif detector_arrays:
+            raise ValueError(
+                f"it holds {len(detector_arrays)} arrays of a detector that it does not name"
+            )
+        ground = head.get("ground")
+        known = None if ground is None else TrainingGround.model_validate(ground)
+        return Model(detector, groups, notes, known)
     except ValueError as error:
         raise ValueError(f"model {folder}: {error}") from None
     except Exception as error:  # parsers raise whatever they stumble over
         raise ValueError(f"model {folder}: it cannot be read ({error!r})") from None
-
-
-def _restored(bundle: Bundle) -> Model:
-    """Return the model that a bundle holds."""
-    head = bundle.about
-    check_format(head, FORMAT, VERSION)
-    groups: dict[str, Arrays] = {name: {} for name in [*_stage_names(head), DETECTOR]}
-    for name, array in bundle.items():
-        stage, _, array_name = name.rpartition(".")
-        groups[stage][array_name] = array
-    detector_arrays = groups.pop(DETECTOR)
-    notes = dict(head["notes"])
-    detector: Detector | None = None
-    if head["detector"] is not None:
-        kind = Classifier if head["detector"]["estimator"] == "fisher" else TrainedEstimator
-        detector = kind.restored(head["detector"], detector_arrays, notes)
-    elif detector_arrays:
-        raise ValueError(
-            f"it holds {len(detector_arrays)} arrays of a detector that it does not name"
-        )
-    ground = head.get("ground")
-    known = None if ground is None else TrainingGround.model_validate(ground)
-    return Model(detector, groups, notes, known)
 
 
 def _stage_names(head: Mapping[str, Any]) -> list[str]:

@@ -255,7 +255,12 @@ def what_stands_out(
     border: float | None
     if ABOVE in inside:
         source = "rate"
-        border = float(min(confidence[inside[ABOVE] == 1], default=_beyond(confidence)))
+        border = float(
+            min(
+                confidence[inside[ABOVE] == 1],
+                default=float(np.nextafter(confidence.max(initial=0.0), np.inf)),
+            )
+        )
     elif detector is not None:
         source, border = "model", detector.border
     else:
@@ -264,8 +269,3 @@ def what_stands_out(
         return StandingOut(0, len(inside), None, "", 0.0)
     count = int((confidence >= border).sum())
     return StandingOut(count, len(inside) - count, border, source, count / ground.area)
-
-
-def _beyond(confidence: FloatArray) -> float:
-    """Return a confidence that none of these reaches."""
-    return float(np.nextafter(confidence.max(initial=0.0), np.inf))

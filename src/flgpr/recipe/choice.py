@@ -309,22 +309,6 @@ def figures_of(setup: RadarSetup, model: Recipe | None = None) -> Figures:
         If the antennas are not above the ground, or the tones are too few or too far apart to make
         an image.
     """
-    method = _method_of(setup, model)
-    return _choose_like(setup, method) if method.model else _choose(setup, method)
-
-
-def _window_of(setup: RadarSetup, model: Recipe | None) -> str:
-    """Return the window of the images: one of low sidelobes where no self-signature is subtracted.
-
-    A model recipe whose window has low sidelobes hands its own on.
-    """
-    if model is not None and model.image.window != "boxcar":
-        return model.image.window
-    return "boxcar" if setup.drives else "hann"
-
-
-def _method_of(setup: RadarSetup, model: Recipe | None) -> _Method:
-    """Return what the figures depend on beside the run; a ValueError without a height."""
     height = setup.height
     if not height >= 0.05:
         raise ValueError(
@@ -338,7 +322,7 @@ def _method_of(setup: RadarSetup, model: Recipe | None) -> _Method:
             lengths[entry] = length_at(height, entry, length, own_height)
     resolves = SPEED_OF_LIGHT / widest_piece(setup.tones) < _gap(height, _NEAR)
     early = resolves and not setup.drives and not setup.aperture
-    return _Method(
+    method = _Method(
         window=_window_of(setup, model),
         early=early,
         near=_NEAR if setup.drives or early else _NEAR_UNCLEAN,
@@ -347,6 +331,17 @@ def _method_of(setup: RadarSetup, model: Recipe | None) -> _Method:
         lengths=lengths,
         model=model if model is not None and model.map is not None else None,
     )
+    return _choose_like(setup, method) if method.model else _choose(setup, method)
+
+
+def _window_of(setup: RadarSetup, model: Recipe | None) -> str:
+    """Return the window of the images: one of low sidelobes where no self-signature is subtracted.
+
+    A model recipe whose window has low sidelobes hands its own on.
+    """
+    if model is not None and model.image.window != "boxcar":
+        return model.image.window
+    return "boxcar" if setup.drives else "hann"
 
 
 def _own_lengths(model: Recipe | None) -> tuple[dict[str, float], float]:

@@ -136,11 +136,20 @@ class _Fitted:
 
     def text(self) -> str:
         """Return the TOML text."""
-        self._leave_out()
-        self._fit_clutter()
+        if self.tables.pop("lane", None) is not None:
+            self.left_out.append("[lane], which is another one")
+        if self.tables["run_view"].pop("y", None) is not None:
+            self.left_out.append("run_view.y, which belongs to another lane")
+        self.tables.pop("clutter", None)
+        if self.figures.method.early:
+            # It comes first, among the entries without a table.
+            self.tables = {"clutter": [EARLY], **self.tables}
+            self.reasons["clutter"] = self.figures.reasons["clutter"]
         self._fit_image()
         self._fit_background()
-        self._fit_view()
+        self._set("run_view", "x", list(self.figures.view_x))
+        self._set("run_view", "spacing", self.figures.coarse)
+        self._set("run_view", "y_max", self.figures.y_max)
         if self.model.map is not None:
             self._fit_map()
         self._fit_prescreen()
@@ -170,13 +179,6 @@ class _Fitted:
         self.tables.setdefault(table, {})[entry] = value
         self.reasons[name] = reason or self.figures.reasons[name]
 
-    def _leave_out(self) -> None:
-        """Leave out what belongs to the model's own lane."""
-        if self.tables.pop("lane", None) is not None:
-            self.left_out.append("[lane], which is another one")
-        if self.tables["run_view"].pop("y", None) is not None:
-            self.left_out.append("run_view.y, which belongs to another lane")
-
     def _fit_image(self) -> None:
         """Fit the images: pixels, sub-bands, window and polarizations."""
         self._set("image", "x", list(self.figures.image_x))
@@ -197,14 +199,6 @@ class _Fitted:
         if self.model.map is None and bands == self.model.image.subbands:
             return
         self._set("image", "subbands", {name: list(band) for name, band in bands.items()})
-
-    def _fit_clutter(self) -> None:
-        """Take the ground's echo out where no self-signature does."""
-        self.tables.pop("clutter", None)
-        if self.figures.method.early:
-            # It comes first, among the entries without a table.
-            self.tables = {"clutter": [EARLY], **self.tables}
-            self.reasons["clutter"] = self.figures.reasons["clutter"]
 
     def _fit_length(self, table: str, entry: str, length: str, own: float) -> None:
         """Fit a length that follows the height, where another one comes out."""
@@ -227,12 +221,6 @@ class _Fitted:
         self._set("background", "self_signature", method)
         self._set("background", "median_step", self.figures.median_step, f"{MEDIAN_STEP} m")
         self._fit_length("background", "mean", "mean", self.model.background.mean)
-
-    def _fit_view(self) -> None:
-        """Fit the run-view."""
-        self._set("run_view", "x", list(self.figures.view_x))
-        self._set("run_view", "spacing", self.figures.coarse)
-        self._set("run_view", "y_max", self.figures.y_max)
 
     def _fit_map(self) -> None:
         """Fit the map: the array whose signatures are simulated, and the contrast's channels."""

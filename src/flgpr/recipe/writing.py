@@ -47,12 +47,6 @@ def fitted_text(figures: Figures) -> str:
         Its text.
     """
     head = f"# Made by `flgpr recipe for` {figures.described} Lengths in m, frequencies in Hz.\n"
-    lines = toml_lines(_tables(figures), figures.reasons | _REASONS)
-    return "\n".join([head, *lines]) + "\n"
-
-
-def _tables(figures: Figures) -> dict[str, Any]:
-    """Return the entries of the recipe, table by table."""
     confidence = "Ten features" if figures.has_features else "Local contrast"
     spacing = figures.coarse
     image: dict[str, Any] = {
@@ -95,4 +89,5 @@ def _tables(figures: Figures) -> dict[str, Any]:
         inner = pixels_of(_COHERENT, figures.fine)
         tables["features"] = {"inner": inner, "psi": "circular"}
     tables["score"] = {"halo": _HALO, "area": "union"}
-    return tables
+    lines = toml_lines(tables, figures.reasons | _REASONS)
+    return "\n".join([head, *lines]) + "\n"

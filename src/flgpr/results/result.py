@@ -166,7 +166,25 @@ def _write_files(
     write_whole(root / "recipe.toml", recipe_text)
     if learnt.detector is not None or learnt.stages:
         save_model(learnt, root / MODEL)
-    content = plain_json(_content(root, detections, recipe_text, lane, run))
+    entries = []
+    for detection in detections:
+        entries.append({"name": detection.name, "title": detection.title, "notes": detection.notes})
+    paths = [path for path in sorted(root.rglob("*")) if path.is_file()]
+    names = [path.relative_to(root).as_posix() for path in paths]
+    content = plain_json(
+        {
+            "format": FORMAT,
+            "version": VERSION,
+            "flgpr": flgpr.__version__,
+            "python": platform.python_version(),
+            "libraries": {name: version(name) for name in _LIBRARIES},
+            "recipe_sha256": sha256(recipe_text.encode()),
+            "lane": asdict(lane),
+            "run": run,
+            "detections": entries,
+            **listing(root, names),
+        }
+    )
     if section is not None:
         content["section"] = section
     write_whole(root / MANIFEST, sealed_manifest(content, {}))
@@ -181,29 +199,6 @@ def check_free(folder: PathLike) -> Path:
         If anything but a result lies there.
     """
     return check_free_folder(folder, (MANIFEST, SECTIONS), "result")
-
-
-def _content(
-    root: Path, detections: list[Detection], recipe_text: str, lane: Lane, run: dict[str, Any]
-) -> dict[str, Any]:
-    """Return what a manifest holds of the result that was written to ``root``."""
-    entries = []
-    for detection in detections:
-        entries.append({"name": detection.name, "title": detection.title, "notes": detection.notes})
-    paths = [path for path in sorted(root.rglob("*")) if path.is_file()]
-    names = [path.relative_to(root).as_posix() for path in paths]
-    return {
-        "format": FORMAT,
-        "version": VERSION,
-        "flgpr": flgpr.__version__,
-        "python": platform.python_version(),
-        "libraries": {name: version(name) for name in _LIBRARIES},
-        "recipe_sha256": sha256(recipe_text.encode()),
-        "lane": asdict(lane),
-        "run": run,
-        "detections": entries,
-        **listing(root, names),
-    }
 
 
 def add_files(folder: PathLike, files: Mapping[str, bytes | str]) -> None:
@@ -231,30 +226,25 @@ def add_files(folder: PathLike, files: Mapping[str, bytes | str]) -> None:
     for name, body in files.items():
         data[name] = text_bytes(body) if isinstance(body, str) else body
     with locked_folder(folder, wait=True):
-        _add_files(folder, data)
-
-
-def _add_files(folder: Path, data: Mapping[str, bytes]) -> None:
-    """Add files to a result that no other process writes to."""
-    manifest = read_result_manifest(folder)
-    for name in data:
-        parent = (folder / name).parent
-        parent.mkdir(exist_ok=True)
-        if parent != folder:
-            # Refuses a link, which would lead the file out of the folder.
-            Folder(folder).path(parent.relative_to(folder).as_posix())
-    content = {name: value for name, value in manifest.items() if name not in _NOT_CONTENT}
-    before = added_versions(manifest)
-    after: dict[str, list[Version]] = {}
-    both: dict[str, list[Version]] = {}
-    for name, body in data.items():
-        new_version = (sha256(body), len(body))
-        after[name] = [new_version]
-        both[name] = [*before.get(name, [(None, None)]), new_version]
-    write_whole(folder / MANIFEST, sealed_manifest(content, {**before, **both}))
-    for name, body in data.items():
-        write_whole(folder / name, body)
-    write_whole(folder / MANIFEST, sealed_manifest(content, {**before, **after}))
+        manifest = read_result_manifest(folder)
+        for name in data:
+            parent = (folder / name).parent
+            parent.mkdir(exist_ok=True)
+            if parent != folder:
+                # Refuses a link, which would lead the file out of the folder.
+                Folder(folder).path(parent.relative_to(folder).as_posix())
+        content = {name: value for name, value in manifest.items() if name not in _NOT_CONTENT}
+        before = added_versions(manifest)
+        after: dict[str, list[Version]] = {}
+        both: dict[str, list[Version]] = {}
+        for name, body in data.items():
+            new_version = (sha256(body), len(body))
+            after[name] = [new_version]
+            both[name] = [*before.get(name, [(None, None)]), new_version]
+        write_whole(folder / MANIFEST, sealed_manifest(content, {**before, **both}))
+        for name, body in data.items():
+            write_whole(folder / name, body)
+        write_whole(folder / MANIFEST, sealed_manifest(content, {**before, **after}))
 
 
 def are_settled(folder: PathLike) -> bool:

@@ -121,7 +121,10 @@ class Journal:
             raise OtherRunError(f"another unfinished run is there: {different}")
         for content in contents[1:]:
             try:
-                self.scans.append(_scan(content))
+                time = math.nan if content["time"] is None else float(content["time"])
+                pose = np.array(content["pose"], dtype=np.float64)
+                valid = np.array(content["valid"], bool)
+                self.scans.append(WrittenScan(content["sha256"], pose, time, valid))
             except (KeyError, TypeError, ValueError):  # a complete line, but not of a scan
                 break
         self.keep(len(self.scans))
@@ -140,14 +143,6 @@ class Journal:
         """Append a line with its digest."""
         text = canonical_json(value)
         self._log.append(sha256(text).encode() + b" " + text, settled)
-
-
-def _scan(line: dict[str, Any]) -> WrittenScan:
-    """Return the scan that a line of the journal describes."""
-    time = math.nan if line["time"] is None else float(line["time"])
-    pose = np.array(line["pose"], dtype=np.float64)
-    valid = np.array(line["valid"], bool)
-    return WrittenScan(line["sha256"], pose, time, valid)
 
 
 def difference(old: dict[str, Any], new: dict[str, Any]) -> str:

@@ -90,7 +90,13 @@ def check_view_index(index: Any) -> dict[str, Any]:
     if index.get("format") != VIEW_FORMAT or index.get("version") != VIEW_VERSION:
         raise ValueError(f"it must be {VIEW_FORMAT} version {VIEW_VERSION}")
     _must_be(index.get("title"), str, "title")
-    _check_border(index.get("lane"))
+    lane = index.get("lane")
+    _must_be(lane, dict, "lane")
+    for name in ("x_min", "x_max", "y_min", "y_max"):
+        value = lane.get(name)
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not is_number or not abs(value) < _MOST_COUNT:
+            raise ValueError(f"lane.{name} must be a number, got {_shown(value)}")
     if index.get("georeference") is not None:
         _must_be(index["georeference"], dict, "georeference")
     layers = _must_be(index.get("layers"), list, "layers")
@@ -110,16 +116,6 @@ def check_view_index(index: Any) -> dict[str, Any]:
         if "evidence" in detection:
             _check_evidence(detection["evidence"], f"{where}.evidence")
     return dict(index)
-
-
-def _check_border(lane: Any) -> None:
-    """Refuse what is no lane of four finite numbers."""
-    _must_be(lane, dict, "lane")
-    for name in ("x_min", "x_max", "y_min", "y_max"):
-        value = lane.get(name)
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not is_number or not abs(value) < _MOST_COUNT:
-            raise ValueError(f"lane.{name} must be a number, got {_shown(value)}")
 
 
 def _check_evidence(evidence: Any, where: str) -> None:
