@@ -253,7 +253,7 @@ def detect(
             text = recipe_or_fitted(recipe, place.run, model, options.max_memory)
             job = job_of(0, place.run, text, place.output, place.other_runs)
             with options.executor() as executor:
-                detect_lane(job, executor, options.track, options.note, section, overwrite)
+                detect_lane(job, executor, options, section, overwrite)
             return place.result()
 
     if output is None:

@@ -7,7 +7,7 @@ of the same array the truth is known, so no mine of the user's is needed.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -29,7 +29,6 @@ from flgpr.recipe.schema import Recipe, parse_recipe
 from flgpr.scoring import Match, match, side_by_side
 from flgpr.simulate import Scene, Simulator
 from flgpr.stages.body_signatures import OWN_ARRAY
-from flgpr.toml_text import parse_toml, toml_lines
 
 # What lies in the lanes, by turns: body, kind and cover of its top, m.
 _MINES = (
@@ -212,14 +211,7 @@ _HALO = 0.5  # m: mines are 2 m apart and more
 _SEED = 2026
 
 
-def check_on_twins(
-    run: xr.Dataset,
-    recipe: Recipe,
-    model: Model,
-    mines: int = _MINES_OF_CHECK,
-    seed: int = _SEED,
-    track: Track = silent,
-) -> Check:
+def check_on_twins(run: xr.Dataset, recipe: Recipe, model: Model, track: Track = silent) -> Check:
     """Count the mines that a trained recipe and the contrast find on twins of an array's lanes.
 
     The contrast is that of the recipe which ``flgpr recipe for`` makes without another recipe.
@@ -232,10 +224,6 @@ def check_on_twins(
         The recipe, with a map of simulated signatures.
     model : Model
         What it has learnt.
-    mines : int
-        Mines in the lanes together, at least.
-    seed : int
-        Of the lanes.
     track : Track
         Shows progress.
 
@@ -245,31 +233,30 @@ def check_on_twins(
         If the array has no twins, see :func:`flgpr.jobs.check_on_twins.plan_twins`.
     """
     plan = plan_twins(run, recipe)
-    numbers = range(twins_for(plan, mines))
+    numbers = range(twins_for(plan, _MINES_OF_CHECK))
     found: dict[str, list[pd.DataFrame]] = {RECIPE: [], CONTRAST: []}
     lanes = []
     for number in track(numbers, "checking on simulated lanes", len(numbers)):
-        twin = simulate_twin(plan, number, seed)
+        twin = simulate_twin(plan, number, _SEED)
         lanes.append(twin)
-        for name, alarms in alarms_of(twin, recipe, model).items():
-            found[name].append(alarms)
-    return compare({name: matched(tables, lanes) for name, tables in found.items()}, len(lanes))
+        plain = parse_recipe(fit_recipe(twin.run)).model_copy(update={"features": None})
+        found[RECIPE].append(detect(twin.run, recipe, twin.lane, model=model).alarms)
+        found[CONTRAST].append(detect(twin.run, plain, twin.lane).alarms)
 
-
-def alarms_of(twin: Twin, recipe: Recipe, model: Model) -> dict[str, pd.DataFrame]:
-    """Return the alarms of a recipe and those of the contrast on a twin."""
-    plain = contrast_recipe(twin.run)
-    return {
-        RECIPE: detect(twin.run, recipe, twin.lane, model=model).alarms,
-        CONTRAST: detect(twin.run, plain, twin.lane).alarms,
-    }
-
-
-def contrast_recipe(run: xr.Dataset) -> Recipe:
-    """Return the recipe of a run that ranks alarms by their contrast alone."""
-    tables = parse_toml(fit_recipe(run))
-    tables.pop("features", None)
-    return parse_recipe("\n".join(toml_lines(tables, {})))
+    matches = {name: matched(tables, lanes) for name, tables in found.items()}
+    compared = side_by_side(matches, [_FAR], means=False)
+    n_detected = dict(zip(compared.points["detector"], compared.points["n_detected"], strict=True))
+    pair = compared.pairs.iloc[0]
+    return Check(
+        lanes=len(lanes),
+        mines=int(compared.points["n_targets"].iloc[0]),
+        far=_FAR,
+        found=int(n_detected[RECIPE]),
+        by_contrast=int(n_detected[CONTRAST]),
+        only_recipe=int(pair["only_first"]),
+        only_contrast=int(pair["only_second"]),
+        p=float(pair["p"]),
+    )
 
 
 def matched(tables: Sequence[pd.DataFrame], twins: Sequence[Twin], halo: float = _HALO) -> Match:
@@ -280,23 +267,6 @@ def matched(tables: Sequence[pd.DataFrame], twins: Sequence[Twin], halo: float =
     truth = pd.concat([twin.truth for twin in twins], ignore_index=True)
     lanes = {twin.name: twin.lane for twin in twins}
     return match(pd.concat(alarms, ignore_index=True), truth, lanes, halo)
-
-
-def compare(matches: Mapping[str, Match], lanes: int, far: float = _FAR) -> Check:
-    """Compare matched alarms of the recipe and of the contrast at a false alarm rate."""
-    compared = side_by_side(matches, [far], means=False)
-    found = dict(zip(compared.points["detector"], compared.points["n_detected"], strict=True))
-    pair = compared.pairs.iloc[0]
-    return Check(
-        lanes=lanes,
-        mines=int(compared.points["n_targets"].iloc[0]),
-        far=far,
-        found=int(found[RECIPE]),
-        by_contrast=int(found[CONTRAST]),
-        only_recipe=int(pair["only_first"]),
-        only_contrast=int(pair["only_second"]),
-        p=float(pair["p"]),
-    )
 
 
 def check_model(folder: Path, run: xr.Dataset, recipe: Recipe, model: Model, track: Track) -> None:

@@ -26,13 +26,12 @@ from flgpr.jobs.checkpoint import Checkpoint, PassCache, begin_work, work_until_
 from flgpr.jobs.finished import is_done, keeps_result, whole_results
 from flgpr.jobs.job import LaneJob
 from flgpr.jobs.pieces import do_block, do_finish, do_merge, open_lane
-from flgpr.jobs.workers import Executor, OnReport, Report, ignore_report
+from flgpr.jobs.workers import DEFAULTS, Executor, Report, RunOptions
 from flgpr.method.imaged_run import ImagedRun, array_table
 from flgpr.method.memory import sizes_of
 from flgpr.method.method import engine_of
 from flgpr.method.sections import Section, lane_threshold, plan_sections, threads_within
 from flgpr.model import Lane
-from flgpr.progress import Track, silent
 from flgpr.recipe.schema import as_imaged, parse_recipe
 from flgpr.results.sections import join_results, section_names
 from flgpr.store import open_run
@@ -53,8 +52,7 @@ class LanePlan:
 def detect_lane(
     job: LaneJob,
     executor: Executor,
-    track: Track = silent,
-    note: OnReport = ignore_report,
+    options: RunOptions = DEFAULTS,
     longest: float | None = None,
     overwrite: bool = True,
     label: str = "",
@@ -71,10 +69,8 @@ def detect_lane(
         What to do.
     executor : Executor
         Does the work.
-    track : Track
-        Shows progress.
-    note : callable
-        Takes a report of every piece of work that was done.
+    options : RunOptions
+        Shows progress, and takes a report of every piece of work that was done.
     longest : float, optional
         Length of a section at most, m; infinity asks for the lane in one piece.
     overwrite : bool
@@ -100,7 +96,7 @@ def detect_lane(
         log_finished(job.folder, OVERWRITE)
         return plan.folders
     job.folder.parent.mkdir(parents=True, exist_ok=True)
-    runner = PassRunner(executor, track, note, plan.threads, label)
+    runner = PassRunner(executor, options, plan.threads, label)
     if len(plan.sections) > 1:
         run_sections(job, plan, runner)
     else:
@@ -160,8 +156,7 @@ def check_job(job: LaneJob, longest: float | None = None, overwrite: bool = True
 def passes_of_lane(
     job: LaneJob,
     executor: Executor,
-    track: Track = silent,
-    note: OnReport = ignore_report,
+    options: RunOptions = DEFAULTS,
     label: str = "",
 ) -> Iterator[ImagedRun]:
     """Do the passes of a stored training lane and yield the lane with their results.
@@ -172,7 +167,7 @@ def passes_of_lane(
     job = replace(job, explains=False)
     plan = plan_detection(job, math.inf)
     with begin_work(job) as work:
-        runner = PassRunner(executor, track, note, plan.threads, label)
+        runner = PassRunner(executor, options, plan.threads, label)
         runner.run(job, work, passes_to_run(job, plan.lane))
         yield plan.lane
 
@@ -212,10 +207,8 @@ class PassRunner:
     ----------
     executor : Executor
         Does the work.
-    track : Track
-        Shows progress.
-    note : callable
-        Takes a report of every piece of work that was done.
+    options : RunOptions
+        Shows progress, and takes a report of every piece of work that was done.
     threads : int
         How many threads of a process may take blocks at once.
     label : str
@@ -223,11 +216,11 @@ class PassRunner:
     """
 
     def __init__(
-        self, executor: Executor, track: Track, note: OnReport, threads: int, label: str = ""
+        self, executor: Executor, options: RunOptions, threads: int, label: str = ""
     ) -> None:
         self.executor = executor
-        self.track = track
-        self.note = note
+        self.track = options.track
+        self.note = options.note
         self.threads = threads
         self.label = label
 

@@ -78,7 +78,7 @@ def detect_survey(
 
     def detect(job: LaneJob) -> None:
         label = f"{job.name}: "
-        detect_lane(job, executor, options.track, options.note, section, overwrite, label)
+        detect_lane(job, executor, options, section, overwrite, label)
 
     with executor:
         if at_once == 1:

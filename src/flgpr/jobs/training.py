@@ -437,7 +437,7 @@ class _Training:
                 only_measures=only_measures,
             )
             label = f"{lane.name}: "
-            with passes_of_lane(job, self._executor, options.track, options.note, label) as setup:
+            with passes_of_lane(job, self._executor, options, label) as setup:
                 yield setup, lane
 
 
