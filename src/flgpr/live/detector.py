@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from flgpr.clutter import Background, CausalBackground
+from flgpr.clutter import CausalBackground
 from flgpr.clutter.causal import LEAST_SPAN, LEAST_WARM_UP
 from flgpr.imaging import ImagingOperator
 from flgpr.live.alarm_book import AlarmBook, SeenDensity
@@ -31,7 +31,6 @@ from flgpr.live.updates import LiveAlarm, LiveUpdate, last_states
 from flgpr.method.alarm_sums import AlarmSums
 from flgpr.method.model import Detector, Model, as_model, unlearnt
 from flgpr.method.steps import CleanedImages
-from flgpr.method.unlike import Comparison
 from flgpr.model import Grid, Lane, lane_to_scan, vehicle_to_scan
 from flgpr.model.plausible import PoseGate, Sighting, Verdict
 from flgpr.recipe.fit import alias_faults, check_channels
@@ -274,8 +273,10 @@ class LiveDetector:
         pose = np.asarray(scan.pose, np.float64)
         if self._reach(pose)[1] < self.closed:
             return LiveUpdate("late", [])
-        if self._has_not_moved(pose):
-            return LiveUpdate("still", [])
+        if self.newest is not None:
+            moved = np.hypot(*(pose[:2] - self.newest[1][:2]))
+            if moved < self.settings.least_step:
+                return LiveUpdate("still", [])
         image = self._image(scan)
         gain, background = self.background.add(image)  # refuses an image that cannot be used
         if self.first_pose is None:
@@ -305,24 +306,19 @@ class LiveDetector:
             # subtracted.
             earlier_sums = None
         self.history = history
-        left_behind = self._jump(newest_pose)
+        # After a gap between scans the ground far back is closed: the window of the run-view would
+        # grow without bounds.
+        left_behind: list[LiveAlarm] = []
+        limit = self._reach(newest_pose)[0] - _FARTHEST_GAP
+        if math.isfinite(self.closed) and limit > self.closed:
+            left_behind = self._close_ground(limit)
         row, view = self._add_look(cleaned, newest_pose)
         changed = left_behind + self._raise(view, newest_pose, earlier_sums)
-        update = LiveUpdate("taken", changed, row, np.asarray(view.values, np.float32))
-        return replace(update, ground=self._compare_ground(cleaned, background))
-
-    def _compare_ground(self, scan: CleanedImages, background: Background) -> Comparison | None:
-        """Return how the ground compares with that of training, where the verdict changes."""
-        if self.ground is None or scan.own is None:
-            return None
-        return self.ground.add(self.steps.labelled(scan), scan.pose, background)
-
-    def _has_not_moved(self, pose: FloatArray) -> bool:
-        """Return whether a pose is nearer to the newest one than the least step."""
-        if self.newest is None:
-            return False
-        moved = np.hypot(*(pose[:2] - self.newest[1][:2]))
-        return bool(moved < self.settings.least_step)
+        ground = None
+        if self.ground is not None and cleaned.own is not None:
+            ground = self.ground.add(self.steps.labelled(cleaned), pose, background)
+        values = np.asarray(view.values, np.float32)
+        return LiveUpdate("taken", changed, row, values, ground=ground)
 
     def learn(self) -> None:
         """Do the work that the next scan needs and no alarm of this scan waits for.
@@ -547,16 +543,6 @@ class LiveDetector:
         confidence = self.steps.confidence(features, alarms["magnitude"])
         self._sums = sums
         return {"confidence": confidence, "scans": features["scans"]}
-
-    def _jump(self, pose: FloatArray) -> list[LiveAlarm]:
-        """Close the ground that lies far back after a gap between scans.
-
-        Otherwise the window of the run-view would grow without bounds.
-        """
-        limit = self._reach(pose)[0] - _FARTHEST_GAP
-        if not math.isfinite(self.closed) or limit <= self.closed:
-            return []
-        return self._close_ground(limit)
 
     def _close_ground(self, limit: float) -> list[LiveAlarm]:
         """Make the ground up to lane y ``limit`` final, and drop scans that see none beyond it."""

@@ -30,7 +30,6 @@ from flgpr.method.estimators import LARGEST_ODDS, TrainedEstimator, probability
 from flgpr.method.model import Model
 from flgpr.model import complete_scans
 from flgpr.recipe.schema import Recipe
-from flgpr.store import Scan
 from flgpr.store.scan_file import stored_scan
 from flgpr.types import Arrays, FloatArray
 
@@ -255,8 +254,8 @@ def follow(detector: LiveDetector, run: xr.Dataset) -> Iterator[Followed]:
     place.
     """
     followed: list[tuple[LiveAlarm, float, list[float]]] = []
-    for scan in _stored_scans(run):
-        if detector.add(scan).outcome != "taken":
+    for number in np.flatnonzero(complete_scans(run)):
+        if detector.add(stored_scan(run, int(number))).outcome != "taken":
             continue
         remaining = []
         for alarm, weight_before, looks in followed:
@@ -344,12 +343,6 @@ def learn(followed: Iterable[Followed]) -> tuple[Arrays, dict[str, Any]]:
     notes["within"] = float((np.abs(residual(best)) <= limit).mean())
     fitted = Forecast(tuple(best[:3]), tuple(best[3:5]), float(expit(best[5])))
     return fitted.arrays(), notes
-
-
-def _stored_scans(run: xr.Dataset) -> Iterator[Scan]:
-    """Yield the complete scans of a stored run as if they arrived."""
-    for number in np.flatnonzero(complete_scans(run)):
-        yield stored_scan(run, int(number))
 
 
 def _interval(mean: float, deviation: float) -> list[float]:

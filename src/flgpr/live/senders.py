@@ -395,16 +395,11 @@ class _SenderWatch(Source):
         candidates = [sender for sender in candidates if not sender.held_back]
         if not candidates:
             return False
-        least_useful = min(candidates, key=_usefulness)
+        least_useful = min(candidates, key=lambda sender: (sender.has_sent, sender.useful))
         least_useful.close()
         self.inbox.count_sender("ended")
         self._senders.remove(least_useful)
         return True
-
-
-def _usefulness(sender: _Sender) -> tuple[bool, float]:
-    """Return by what senders are compared: the least is ended first."""
-    return sender.has_sent, sender.useful
 
 
 class SocketWatch(_SenderWatch):

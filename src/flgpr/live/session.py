@@ -207,7 +207,14 @@ class LiveRun:
             path.unlink(missing_ok=True)
         snapshot = read_snapshot(path)
         if snapshot is not None and options.incoming is not None:
-            _check_same_run(snapshot, Path(options.incoming))
+            # Refused before anything is written.
+            description = read_description(Path(options.incoming))
+            run_id = parse_description(snapshot[0]["run"]).run_id
+            if description is not None and description.run_id != run_id:
+                raise ValueError(
+                    f"{options.incoming}: the description is that of another run; `fresh` begins "
+                    "anew"
+                )
         sources: list[Source] = []
         if options.socket is not None:
             sources.append(SocketWatch(Path(options.socket), self.inbox))
@@ -517,22 +524,16 @@ class LiveRun:
             log_finished(self.output, "`fresh` makes it again")
             return LiveReport(counts, latency_percentiles([]), len(table), float("nan"))
         write_table(table, self.output / "alarms.csv")
-        report = LiveReport(counts, latency_percentiles(self._latency), len(table), self._rate())
+        rate = float("nan")  # frames per second between the first and the last one
+        if self._frames >= 2:
+            rate = (self._frames - 1) / (self._moments[-1] - self._moments[0])
+        report = LiveReport(counts, latency_percentiles(self._latency), len(table), rate)
         end: EndEvent = {"event": "end", "alarms": len(table), "latency": report.latency_ms}
         events.append([{**end, **counts}])
-        rate = report.rate if np.isfinite(report.rate) else None
-        entries = asdict(report) | {"rate": rate, "recipe": detector.recipe.name}
+        stated_rate = rate if np.isfinite(rate) else None
+        entries = asdict(report) | {"rate": stated_rate, "recipe": detector.recipe.name}
         write_whole(self.output / REPORT_FILE, canonical_json(entries) + b"\n")
         return report
-
-    def _rate(self) -> float:
-        """Return the frames per second between the first and the last one.
-
-        NaN with fewer than two.
-        """
-        if self._frames < 2:
-            return float("nan")
-        return (self._frames - 1) / (self._moments[-1] - self._moments[0])
 
 
 def rehearse(description: RunDescription, recipe: Recipe, model: Model) -> None:
@@ -556,15 +557,6 @@ def _recipe_vehicle(options: LiveOptions) -> Vehicle:
 def _faults(counts: dict[str, int]) -> dict[str, int]:
     """Return the counts of what is not as it should be."""
     return {name: count for name, count in counts.items() if name not in _NO_FAULT}
-
-
-def _check_same_run(snapshot: Snapshot, incoming: Path) -> None:
-    """Refuse a folder of another run than that of the snapshot before anything is written."""
-    description = read_description(incoming)
-    if description is None:
-        return
-    if description.run_id != parse_description(snapshot[0]["run"]).run_id:
-        raise ValueError(f"{incoming}: the description is that of another run; `fresh` begins anew")
 
 
 def _check_output(folder: Path) -> None:

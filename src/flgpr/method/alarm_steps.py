@@ -156,15 +156,12 @@ class AlarmSteps:
             if recipe.detector is not None:
                 present = list(recipe.detector.features)
             return [Change("features", usable, present, "[detector]")]
-        return screen_changes(recipe)
-
-
-def screen_changes(recipe: Recipe) -> list[Change]:
-    """Return entries of the recipe with which more alarms are raised."""
-    if recipe.screen is not None:
-        return looser_entries(recipe.screen.settings, recipe.screen.stage_class.looser, "[screen]")
-    density = recipe.prescreen.density
-    return [Change("density", max(2 * density, _USUAL_DENSITY), density, "[prescreen]")]
+        if recipe.screen is not None:
+            return looser_entries(
+                recipe.screen.settings, recipe.screen.stage_class.looser, "[screen]"
+            )
+        density = recipe.prescreen.density
+        return [Change("density", max(2 * density, _USUAL_DENSITY), density, "[prescreen]")]
 
 
 def _screen_of(recipe: Recipe) -> str:

@@ -27,7 +27,6 @@ from flgpr.method.detection import Detection, assemble, rank_alarms
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.instead import (
     contrast_lane,
-    contrast_recipe,
     mark_threshold,
     put_instead,
     rank_by_column,
@@ -138,9 +137,9 @@ def detections_of(lane: ImagedRun) -> list[Detection]:
     """
     detections = [detection_of(lane)]
     if lane.substitute == "contrast":
-        text = contrast_recipe(lane)
-        if text:
-            contrast = contrast_lane(lane, text)
+        fitted = contrast_lane(lane)
+        if fitted is not None:
+            contrast, text = fitted
             engine_of(contrast).run()
             detections = put_instead(lane, detections[0], detection_of(contrast), text)
         else:

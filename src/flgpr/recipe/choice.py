@@ -20,10 +20,9 @@ from flgpr.recipe.lengths import (
     PAPERS_HEIGHT,
     divide,
     divisions_like,
-    least_width,
     length_at,
+    pieces_of,
     reason_for,
-    widest_piece,
 )
 from flgpr.recipe.radar_setup import (
     FEWEST_SCANS,
@@ -320,7 +319,9 @@ def figures_of(setup: RadarSetup, model: Recipe | None = None) -> Figures:
         lengths[entry] = length
         if not setup.aperture:  # which resolves by its own length, not by its height
             lengths[entry] = length_at(height, entry, length, own_height)
-    resolves = SPEED_OF_LIGHT / widest_piece(setup.tones) < _gap(height, _NEAR)
+    resolves = SPEED_OF_LIGHT / max(
+        float(np.ptp(piece)) for piece in pieces_of(setup.tones)
+    ) < _gap(height, _NEAR)
     early = resolves and not setup.drives and not setup.aperture
     method = _Method(
         window=_window_of(setup, model),
@@ -392,7 +393,7 @@ def _choose_like(setup: RadarSetup, method: _Method) -> Figures:
     """Choose the figures for the method of a recipe with a map."""
     if method.model is None:
         raise ValueError("method must be that of a recipe with a map, got one without")
-    least = least_width(_longest_cell(setup, method))
+    least = SPEED_OF_LIGHT / _longest_cell(setup, method)
     divisions = list(divisions_like(setup.tones, method.model.image.subbands, least))
     for bands in divisions[:-1]:
         try:

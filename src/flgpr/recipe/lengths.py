@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flgpr.model import SPEED_OF_LIGHT
 from flgpr.recipe.radar_setup import Band
 from flgpr.types import FloatArray
 
@@ -114,11 +113,6 @@ def pieces_of(tones: FloatArray) -> list[FloatArray]:
     return pieces
 
 
-def widest_piece(tones: FloatArray) -> float:
-    """Return the width of the widest piece of a band, Hz."""
-    return max(float(np.ptp(piece)) for piece in pieces_of(tones))
-
-
 def divide(tones: FloatArray, least: float) -> dict[str, Band]:
     """Divide a band, or what gaps make of it, into equal sub-bands that overlap.
 
@@ -181,11 +175,3 @@ def _low_end(tones: FloatArray, lowest: float, least: float) -> Band:
     if np.count_nonzero((piece >= low) & (piece <= high)) < 2:
         low, high = float(piece[0]), float(piece[-1])
     return low, high
-
-
-def least_width(cell: float) -> float:
-    """Return the bandwidth whose range cell under a Hann window is so long, Hz.
-
-    The cell is the main lobe to half its height in amplitude, c/B.
-    """
-    return SPEED_OF_LIGHT / cell

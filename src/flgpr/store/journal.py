@@ -18,7 +18,6 @@ import numpy as np
 from flgpr.append_log import AppendLog, LogHeldError
 from flgpr.door import MOST_JSON, Folder, refuse_links
 from flgpr.json_text import canonical_json, parse_json, sha256
-from flgpr.store.files import write_whole
 from flgpr.store.run_store import CommittedFiles, read_manifest
 from flgpr.types import BoolArray, FloatArray, PathLike
 
@@ -224,28 +223,6 @@ def describe_inputs(
         "attrs": attrs,
         "inputs": inputs or {},
     }
-
-
-def write_record(
-    root: Path, commit: str, about: Mapping[str, Any], limits: Mapping[str, Any]
-) -> None:
-    """Write the record into a store.
-
-    Parameters
-    ----------
-    root : Path
-        The store.
-    commit : str
-        Digest of its manifest.
-    about : mapping
-        What :func:`describe_inputs` returned.
-    limits : mapping
-        What ends in the scans because of how they were made; left out where it is empty.
-    """
-    record: dict[str, Any] = {"commit": commit, "about": about}
-    if limits:
-        record["limits"] = limits
-    write_whole(root / MADE_OF, canonical_json(record) + b"\n")
 
 
 def _read_record(root: Path, manifest: Mapping[str, Any]) -> Any:

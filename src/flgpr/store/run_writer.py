@@ -37,7 +37,6 @@ from flgpr.store.journal import (
     WrittenScan,
     describe_inputs,
     difference_from_stored,
-    write_record,
 )
 from flgpr.store.outputs import log_finished
 from flgpr.store.run_store import (
@@ -48,7 +47,7 @@ from flgpr.store.run_store import (
     RunStoreError,
     manifest_bytes,
 )
-from flgpr.store.store_layout import DIMS, consolidated_group
+from flgpr.store.store_layout import DIMS
 from flgpr.types import ArrayLike, BoolArray, ComplexArray, FloatArray, PathLike, floats
 
 GROUP = "zarr.json"
@@ -319,11 +318,15 @@ class RunWriter:
         for name in DIMS:
             arrays[name] = folder.json(f"{name}/{GROUP}")
         group = folder.json(GROUP)
-        text = json.dumps(consolidated_group(group, arrays), indent=2)
+        consolidated = {"kind": "inline", "must_understand": False, "metadata": arrays}
+        text = json.dumps({**group, "consolidated_metadata": consolidated}, indent=2)
         write_whole(self._partial / GROUP, text)
         digest = _write_manifest(self._partial, len(scans))
         if self._about["inputs"]:
-            write_record(self._partial, digest, self._about, self._limits)
+            record: dict[str, Any] = {"commit": digest, "about": self._about}
+            if self._limits:
+                record["limits"] = self._limits
+            write_whole(self._partial / MADE_OF, canonical_json(record) + b"\n")
         replace_folder(self._partial, self.path)
         self._committed = True
         # Not before: a kill in between would cost every scan. The next writer removes what a kill

@@ -135,17 +135,6 @@ def _consolidated(group: Mapping[str, Any]) -> dict[str, Any] | None:
     return metadata
 
 
-def consolidated_group(
-    group: Mapping[str, Any], arrays: Mapping[str, Mapping[str, Any]]
-) -> dict[str, Any]:
-    """Return a group's description that repeats those of its arrays.
-
-    Libraries then open a store without listing its folder, as Zarr and xarray would rather.
-    """
-    consolidated = {"kind": "inline", "must_understand": False, "metadata": dict(arrays)}
-    return {**group, "consolidated_metadata": consolidated}
-
-
 def _layout(name: str, description: dict[str, Any]) -> ArrayLayout:
     """Return the layout of an array, whose description must be as run stores are written."""
     rank = len(DIMS[name])
