@@ -200,29 +200,14 @@ def passes_to_run(job: LaneJob, lane: ImagedRun) -> list[PassToRun]:
     return passes
 
 
+@dataclass(frozen=True)
 class PassRunner:
-    """Hands out the blocks of passes and waits for them.
+    """Hands out the blocks of passes and waits for them."""
 
-    Parameters
-    ----------
-    executor : Executor
-        Does the work.
-    options : RunOptions
-        Shows progress, and takes a report of every piece of work that was done.
-    threads : int
-        How many threads of a process may take blocks at once.
-    label : str
-        What stands before all that progress is shown of, such as the name of a lane.
-    """
-
-    def __init__(
-        self, executor: Executor, options: RunOptions, threads: int, label: str = ""
-    ) -> None:
-        self.executor = executor
-        self.track = options.track
-        self.note = options.note
-        self.threads = threads
-        self.label = label
+    executor: Executor  #: does the work
+    options: RunOptions  #: shows progress, and takes a report of every piece of work that was done
+    threads: int  #: of a process that may take blocks at once
+    label: str = ""  #: stands before all that progress is shown of, such as the name of a lane
 
     def run(
         self, job: LaneJob, work: Checkpoint, passes: Sequence[PassToRun], label: str = ""
@@ -248,8 +233,8 @@ class PassRunner:
     def finish(self, job: LaneJob, label: str = "") -> None:
         """Write the result folder of a job whose passes are done."""
         done = self.executor.run(do_finish, [(job,)])
-        for report in self.track(done, f"{self.label}{label}writing the result", 1):
-            self.note(report)
+        for report in self.options.track(done, f"{self.label}{label}writing the result", 1):
+            self.options.note(report)
 
     def _run_pass(
         self, job: LaneJob, work: Checkpoint, cache: PassCache, planned: PassToRun, label: str
@@ -259,11 +244,11 @@ class PassRunner:
         if shared_name is not None:
             cost = cache.take(shared_name, work, planned.name)
             if cost is not None:
-                self.note(cost)
+                self.options.note(cost)
                 return
         reports = self._gather(job, work, planned, label)
         for report in self.executor.run(do_merge, [(job, planned.name, tuple(planned.numbers))]):
-            self.note(report)
+            self.options.note(report)
             reports.append(report)
         if shared_name is not None:
             cache.leave(shared_name, work, planned.name, reports)
@@ -279,8 +264,8 @@ class PassRunner:
             return reports
         title = f"{self.label}{label}{planned.title}"
         with closing(self.executor.run(do_block, pieces, self.threads)) as done:
-            for report in self.track(done, title, len(pieces)):
-                self.note(report)
+            for report in self.options.track(done, title, len(pieces)):
+                self.options.note(report)
                 reports.append(report)
         return reports
 

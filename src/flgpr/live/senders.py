@@ -197,22 +197,13 @@ class SenderLimits:
 class _Sender(threading.Thread):
     """Takes frames from a sender, until it leaves or is closed."""
 
-    def __init__(
-        self,
-        connection: socket.socket,
-        inbox: Inbox,
-        limits: SenderLimits,
-        greets: bool,
-        secret: bytes | None = None,
-    ) -> None:
+    def __init__(self, connection: socket.socket, watch: _SenderWatch) -> None:
         super().__init__(name="sender", daemon=True)
-        self._secret = secret
+        self._watch = watch
         # Bytes that the first ones must be, as far as they have not come yet. A web page in a
         # browser can send to a TCP port of its own machine, but only behind the head of a request.
-        self._greeting = MAGIC if greets else b""
+        self._greeting = b"" if watch.path is not None else MAGIC
         self._connection = connection
-        self._inbox = inbox
-        self._limits = limits
         self._stream = FrameStream()
         #: whether it sent anything, and the answer to a challenge before
         self.has_sent = False
@@ -224,18 +215,18 @@ class _Sender(threading.Thread):
         """Ask for the secret, if there is one, and take frames."""
         self._connection.settimeout(_CHECK)
         with self._connection:
-            knows_secret = self._secret is None or self._answers(self._secret)
+            knows_secret = self._watch.secret is None or self._answers(self._watch.secret)
             if knows_secret:
                 self._take_frames()
             elif knows_secret is not None:
-                self._inbox.count_sender("ended")
+                self._watch.inbox.count_sender("ended")
 
     def _take_frames(self) -> None:
         """Take frames until the sender leaves, is closed or sends nothing of use for too long."""
         heard = time.monotonic()
         begun = heard
         is_open = True
-        while is_open and not self._inbox.stop.is_set():
+        while is_open and not self._watch.inbox.stop.is_set():
             data = self._receive()
             is_open = data != b""
             now = time.monotonic()
@@ -247,9 +238,9 @@ class _Sender(threading.Thread):
                 begins = data[:length] == self._greeting[:length]
                 self._greeting = self._greeting[length:]
                 if not begins:
-                    self._inbox.count_sender("ended")
+                    self._watch.inbox.count_sender("ended")
                     return
-            paused = now - heard > self._limits.pause
+            paused = now - heard > self._watch.limits.pause
             taken = self._hand_over(data or b"", paused or not is_open)
             if taken:
                 # The time for which the frames were held back does not count.
@@ -257,12 +248,12 @@ class _Sender(threading.Thread):
                 begun = heard
             elif not self._stream.waiting:
                 begun = now
-            elif now - begun > self._limits.frame:
+            elif now - begun > self._watch.limits.frame:
                 self._hand_over(b"", over=True)
                 begun = time.monotonic()
             useless = self.has_sent and not self.has_sent_good
-            if is_open and useless and now - heard > self._limits.silence:
-                self._inbox.count_sender("ended")
+            if is_open and useless and now - heard > self._watch.limits.silence:
+                self._watch.inbox.count_sender("ended")
                 return
 
     def _answers(self, secret: bytes) -> bool | None:
@@ -272,14 +263,14 @@ class _Sender(threading.Thread):
         """
         asked = challenge()
         given = b""
-        last = time.monotonic() + self._limits.silence
+        last = time.monotonic() + self._watch.limits.silence
         try:
             self._connection.sendall(asked)
         except OSError:
             return None
         while len(given) < ANSWER_BYTES and time.monotonic() < last:
             data = self._receive(ANSWER_BYTES - len(given))
-            if data == b"" or self._inbox.stop.is_set():
+            if data == b"" or self._watch.inbox.stop.is_set():
                 return None
             given += data or b""
         self.has_sent = is_answer(secret, asked, given)
@@ -301,7 +292,7 @@ class _Sender(threading.Thread):
 
     def _hand_over(self, data: bytes, over: bool) -> int:
         """Hand over the frames that are complete or bad, and return their number."""
-        self._stream.largest = self._inbox.largest
+        self._stream.largest = self._watch.inbox.largest
         taken = 0
         for arrival in self._stream.take(data, over):
             taken += 1
@@ -309,7 +300,7 @@ class _Sender(threading.Thread):
                 self.has_sent_good = True
                 self.useful = time.monotonic()
             self.held_back = True
-            is_put = self._inbox.put(arrival)
+            is_put = self._watch.inbox.put(arrival)
             self.held_back = False
             if not is_put:
                 break
@@ -329,15 +320,13 @@ class _SenderWatch(Source):
         listener: socket.socket,
         inbox: Inbox,
         limits: SenderLimits | None,
-        greets: bool,
         path: Path | None = None,
         secret: bytes | None = None,
     ) -> None:
         super().__init__(name, inbox)
-        self._path = path
-        self._secret = secret
-        self._limits = limits or SenderLimits()
-        self._greets = greets
+        self.path = path  #: of a Unix socket, which no web page reaches
+        self.secret = secret
+        self.limits = limits or SenderLimits()
         self._senders: list[_Sender] = []
         self._socket = listener
         self._socket.settimeout(_CHECK)
@@ -354,8 +343,8 @@ class _SenderWatch(Source):
                     self.inbox.stop.wait(_CHECK)
                     continue
                 self._admit(connection)
-        if self._path is not None:
-            self._path.unlink(missing_ok=True)
+        if self.path is not None:
+            self.path.unlink(missing_ok=True)
         for sender in self._senders:
             sender.join(1.0)
 
@@ -365,12 +354,12 @@ class _SenderWatch(Source):
         If as many senders as may be are connected, it takes the place of the least useful one.
         """
         self._senders = [sender for sender in self._senders if sender.is_alive()]
-        is_full = len(self._senders) >= self._limits.senders
+        is_full = len(self._senders) >= self.limits.senders
         if is_full and not self._end_least_useful():
             self.inbox.count_sender("refused")
             connection.close()
             return
-        sender = _Sender(connection, self.inbox, self._limits, self._greets, self._secret)
+        sender = _Sender(connection, self)
         try:
             sender.start()
         except RuntimeError:  # the system starts no more threads
@@ -390,7 +379,7 @@ class _SenderWatch(Source):
         """
         candidates = [sender for sender in self._senders if not sender.has_sent_good]
         if not candidates:
-            limit = time.monotonic() - self._limits.pause
+            limit = time.monotonic() - self.limits.pause
             candidates = [sender for sender in self._senders if sender.useful < limit]
         candidates = [sender for sender in candidates if not sender.held_back]
         if not candidates:
@@ -416,7 +405,7 @@ class SocketWatch(_SenderWatch):
 
     def __init__(self, path: Path, inbox: Inbox, limits: SenderLimits | None = None) -> None:
         listener = listening_unix(path, _BACKLOG)
-        super().__init__(str(path), listener, inbox, limits, greets=False, path=path)
+        super().__init__(str(path), listener, inbox, limits, path)
 
 
 class TcpWatch(_SenderWatch):
@@ -447,4 +436,4 @@ class TcpWatch(_SenderWatch):
     ) -> None:
         listener = listening_tcp(address, _BACKLOG)
         self.address = TcpAddress(address.host, listener.getsockname()[1])
-        super().__init__(str(self.address), listener, inbox, limits, greets=True, secret=secret)
+        super().__init__(str(self.address), listener, inbox, limits, secret=secret)

@@ -156,15 +156,6 @@ def divisions_like(
         Least width of a sub-band, Hz.
     """
     lowest = min(low for low, _ in model.values())
-    low, high = _low_end(tones, lowest, least)
-    part = _NESTED_PART * (high - low)
-    if part >= least:
-        yield {ALL: (low, high), LOWER: (low, low + part), UPPER: (high - part, high)}
-    yield {ALL: (low, high)}
-
-
-def _low_end(tones: FloatArray, lowest: float, least: float) -> Band:
-    """Return the lower end of a band, from ``lowest`` on, ``least`` wide where it can be, Hz."""
     piece = pieces_of(tones)[0]
     low = float(piece[0])
     if piece[-1] > lowest:
@@ -174,4 +165,7 @@ def _low_end(tones: FloatArray, lowest: float, least: float) -> Band:
         high = min(high, max(_NESTED_HIGHEST, low + least))
     if np.count_nonzero((piece >= low) & (piece <= high)) < 2:
         low, high = float(piece[0]), float(piece[-1])
-    return low, high
+    part = _NESTED_PART * (high - low)
+    if part >= least:
+        yield {ALL: (low, high), LOWER: (low, low + part), UPPER: (high - part, high)}
+    yield {ALL: (low, high)}
