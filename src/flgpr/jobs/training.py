@@ -24,8 +24,8 @@ from flgpr.jobs.pieces import report
 from flgpr.jobs.workers import Executor, RunOptions
 from flgpr.live import forecast
 from flgpr.live.detector import LiveDetector, LiveSettings
-from flgpr.method.alarm_steps import LaneOfAlarms, count_alarm_steps
-from flgpr.method.classifier import CLASSIFIER_B, make_training_set, train
+from flgpr.method.alarm_steps import count_alarm_steps
+from flgpr.method.classifier import CLASSIFIER_B, LaneOfAlarms, make_training_set, train
 from flgpr.method.detection import rank_alarms
 from flgpr.method.estimators import train_estimator
 from flgpr.method.imaged_run import ImagedRun

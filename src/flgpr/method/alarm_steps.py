@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
-from flgpr.method.classifier import label_lanes
-from flgpr.model import Lane
+from flgpr.method.classifier import LaneOfAlarms, label_lanes
 from flgpr.recipe.schema import Recipe
 from flgpr.stages.too_few import (
     HALF,
@@ -25,8 +24,6 @@ from flgpr.stages.too_few import (
 from flgpr.types import BoolArray
 
 _USUAL_DENSITY = 0.75  # alarms per area of an alarm, Wang et al. 2007
-LaneOfAlarms = tuple[str, pd.DataFrame, pd.DataFrame, pd.DataFrame, Lane]
-"""Name, alarms, features, truth and borders of a lane."""
 
 
 @dataclass(frozen=True)
@@ -200,8 +197,7 @@ def count_alarm_steps(
     is_spent = np.concatenate(
         [_spent_targets(truth, number, spent) for number, truth in enumerate(truths)]
     )
-    alarm_lists = [(name, alarms, truth, lane) for name, alarms, _, truth, lane in lanes]
-    labels = label_lanes(alarm_lists, label_radius)
+    labels = label_lanes(lanes, label_radius)
     features = pd.concat([features for _, _, features, _, _ in lanes])
     known = np.isfinite(features[list(columns)].to_numpy(dtype=np.float64))
     complete = known.all(axis=1)
