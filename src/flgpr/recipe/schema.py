@@ -38,7 +38,7 @@ from flgpr.stages import (
     Table,
 )
 from flgpr.toml_text import parse_toml
-from flgpr.types import FloatArray, PathLike
+from flgpr.types import FloatArray
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -295,7 +295,7 @@ def recipe_names() -> list[str]:
     return sorted(names)
 
 
-def recipe_text(name: PathLike) -> str:
+def recipe_text(name: str | Path) -> str:
     """Return the TOML text of a recipe.
 
     Parameters
@@ -320,7 +320,7 @@ def recipe_text(name: PathLike) -> str:
     raise ValueError(no_preset("recipe", name, recipe_names()))
 
 
-def load_recipe(name: PathLike) -> Recipe:
+def load_recipe(name: str | Path) -> Recipe:
     """Load and validate a recipe.
 
     Parameters

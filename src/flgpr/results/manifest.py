@@ -12,7 +12,6 @@ from flgpr.json_text import check_format
 from flgpr.results.description import check_description, check_origin
 from flgpr.store import canonical_json, json_with_digest, sha256
 from flgpr.store.files import read_with_digest, taken_for
-from flgpr.types import PathLike
 
 
 class ResultError(ValueError):
@@ -40,7 +39,7 @@ def sealed_manifest(content: dict[str, Any], added: Added) -> bytes:
     )
 
 
-def read_result_manifest(folder: PathLike) -> dict[str, Any]:
+def read_result_manifest(folder: str | Path) -> dict[str, Any]:
     """Read the manifest of a result folder and no other file.
 
     Its ``identity`` does not change when files are added.

@@ -41,7 +41,6 @@ from flgpr.results.view_files import plain_json, write_view
 from flgpr.store import sha256
 from flgpr.store.files import check_free_folder, write_whole
 from flgpr.store.outputs import atomic_output, locked_folder
-from flgpr.types import PathLike
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -85,7 +84,7 @@ class Result:
 
         return draw_detection(self.detections[0], self.lane, ax)[1]
 
-    def score(self, truth: PathLike | pd.DataFrame, **options: Any) -> Any:
+    def score(self, truth: str | Path | pd.DataFrame, **options: Any) -> Any:
         """Score the result against truth, as :func:`flgpr.commands.score.score` does."""
         return flgpr.score(self, truth, **options)
 
@@ -104,7 +103,7 @@ class Result:
 
 
 def write_result(
-    folder: PathLike,
+    folder: str | Path,
     detections: list[Detection],
     recipe_text: str,
     lane: Lane,
@@ -190,7 +189,7 @@ def _write_files(
     write_whole(root / MANIFEST, sealed_manifest(content, {}))
 
 
-def check_free(folder: PathLike) -> Path:
+def check_free(folder: str | Path) -> Path:
     """Return the folder if a result may be written there.
 
     Raises
@@ -201,7 +200,7 @@ def check_free(folder: PathLike) -> Path:
     return check_free_folder(folder, (MANIFEST, SECTIONS), "result")
 
 
-def add_files(folder: PathLike, files: Mapping[str, bytes | str]) -> None:
+def add_files(folder: str | Path, files: Mapping[str, bytes | str]) -> None:
     """Add pages and scores to a result, or replace some.
 
     The result can be read at any moment, also after an interruption: the manifest first allows the
@@ -247,13 +246,13 @@ def add_files(folder: PathLike, files: Mapping[str, bytes | str]) -> None:
         write_whole(folder / MANIFEST, sealed_manifest(content, {**before, **after}))
 
 
-def are_settled(folder: PathLike) -> bool:
+def are_settled(folder: str | Path) -> bool:
     """Return whether every file that was added to a result was written completely."""
     added = read_result_manifest(folder)["added"]
     return all(len(digests) == 1 for digests in added.values())
 
 
-def read_result(folder: PathLike) -> Result:
+def read_result(folder: str | Path) -> Result:
     """Read a result folder.
 
     Raises
@@ -305,7 +304,7 @@ def join_sections(folder: Path, homes: Sequence[Path], most: int = 2400) -> Resu
     return replace(first, folder=folder, lane=sections.lane(), detections=[joined])
 
 
-def read_lane_result(folder: PathLike) -> Result:
+def read_lane_result(folder: str | Path) -> Result:
     """Read the result of a lane; of one that was taken in sections they are joined."""
     sections = sections_at(folder)
     if sections is None:

@@ -20,7 +20,6 @@ from flgpr.append_log import sync_directory
 from flgpr.door import MOST_JSON, Folder, kind_of, open_named, open_own, refuse_links
 from flgpr.json_text import parse_with_digest
 from flgpr.model.printable import text_bytes
-from flgpr.types import PathLike
 
 PARTIAL = ".partial"
 """Ending of the name of a file that is being written."""
@@ -55,7 +54,7 @@ def natural_order(path: Path) -> list[tuple[int, str]]:
     return key
 
 
-def existing(path: PathLike, what: str = "file") -> Path:
+def existing(path: str | Path, what: str = "file") -> Path:
     """Return the path of a regular file that exists.
 
     Parameters
@@ -89,7 +88,7 @@ def existing(path: PathLike, what: str = "file") -> Path:
     raise FileNotFoundError(f"{what} not found: {path}")
 
 
-def taken_for(path: PathLike) -> str:
+def taken_for(path: str | Path) -> str:
     """Return what lies at a path in the place of what was asked for, and what it is for.
 
     It is the end of an error: " (a result: `flgpr.view` shows it)"; "" where nobody can say.
@@ -306,7 +305,7 @@ def partial_folder(output: Path) -> Path:
     return output.with_name(f"{PARTIAL_PREFIX}{output.name}")
 
 
-def check_new(path: PathLike | None) -> None:
+def check_new(path: str | Path | None) -> None:
     """Refuse an output that exists, or is a symbolic link; None is no output."""
     if path is None:
         return
@@ -315,7 +314,7 @@ def check_new(path: PathLike | None) -> None:
         raise FileExistsError(f"output must not exist yet, got {path}")
 
 
-def check_free_folder(folder: PathLike, marks: Sequence[str], kind: str) -> Path:
+def check_free_folder(folder: str | Path, marks: Sequence[str], kind: str) -> Path:
     """Refuse an output folder that holds other files than an older output of its kind.
 
     Parameters
@@ -370,7 +369,7 @@ def merge_tables(tables: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str
     return merged
 
 
-def read_with_digest(folder: PathLike, name: str) -> dict[str, Any]:
+def read_with_digest(folder: str | Path, name: str) -> dict[str, Any]:
     """Read a file of an untrusted folder by :func:`parse_with_digest`.
 
     Parameters

@@ -19,7 +19,7 @@ from flgpr.append_log import AppendLog, LogHeldError
 from flgpr.door import MOST_JSON, Folder, refuse_links
 from flgpr.json_text import canonical_json, parse_json, sha256
 from flgpr.store.run_store import CommittedFiles, read_manifest
-from flgpr.types import BoolArray, FloatArray, PathLike
+from flgpr.types import BoolArray, FloatArray
 
 JOURNAL = "journal.jsonl"
 _FORMAT = "flgpr-journal-1"
@@ -231,7 +231,7 @@ def _read_record(root: Path, manifest: Mapping[str, Any]) -> Any:
     return stored if stored["commit"] == manifest["sha256"] else None
 
 
-def read_limits(root: PathLike) -> dict[str, Any]:
+def read_limits(root: str | Path) -> dict[str, Any]:
     """Return what ends in a store's scans because of how they were made.
 
     Parameters

@@ -26,7 +26,6 @@ from flgpr.store.files import (
     sync_file,
     writing,
 )
-from flgpr.types import PathLike
 
 _LOG = logging.getLogger("flgpr.outputs")
 DELETE = "delete it to make it again"
@@ -37,7 +36,7 @@ class BusyError(ValueError):
     """Another process is writing the same output."""
 
 
-def log_finished(output: PathLike, remedy: str = DELETE) -> None:
+def log_finished(output: str | Path, remedy: str = DELETE) -> None:
     """Log that an output exists as this call would make it, and the ``remedy`` to make it again.
 
     What a killed writer left beside it goes: its kill may have come after the output had its name.
@@ -63,7 +62,7 @@ def discard_partials(folder: Path) -> None:
 
 
 def output_exists_error(
-    output: PathLike, remedy: str = "move it away or choose another output"
+    output: str | Path, remedy: str = "move it away or choose another output"
 ) -> FileExistsError:
     """Return the error for an output path at which something else lies."""
     return FileExistsError(

@@ -29,7 +29,7 @@ from flgpr.model.constants import VARIABLE_ATTRS
 from flgpr.model.run import described
 from flgpr.store.files import taken_for
 from flgpr.store.store_layout import DIMS, MAX_MEMORY, ArrayLayout, check_declared
-from flgpr.types import AnyArray, PathLike
+from flgpr.types import AnyArray
 
 FORMAT = "flgpr-run"
 VERSION = 1
@@ -129,7 +129,7 @@ class _StoredArray(BackendArray):
         return values.reshape(layout.chunks)
 
 
-def open_run(path: PathLike, max_memory: int = MAX_MEMORY) -> xr.Dataset:
+def open_run(path: str | Path, max_memory: int = MAX_MEMORY) -> xr.Dataset:
     """Open a run; its signal is read scan by scan when it is asked for, and verified each time.
 
     Shapes, chunks, types and sizes are checked before anything is decoded, so that an untrusted
@@ -201,7 +201,7 @@ def _decode(files: CommittedFiles, max_memory: int) -> xr.Dataset:
     return described(check_run(run), VARIABLE_ATTRS)
 
 
-def read_manifest(path: PathLike) -> dict[str, Any]:
+def read_manifest(path: str | Path) -> dict[str, Any]:
     """Read and check the manifest of a run store.
 
     Parameters

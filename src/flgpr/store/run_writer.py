@@ -48,7 +48,7 @@ from flgpr.store.run_store import (
     manifest_bytes,
 )
 from flgpr.store.store_layout import DIMS
-from flgpr.types import ArrayLike, BoolArray, ComplexArray, FloatArray, PathLike, floats
+from flgpr.types import ArrayLike, BoolArray, ComplexArray, FloatArray, floats
 
 GROUP = "zarr.json"
 """File that describes a group or an array of Zarr."""
@@ -132,7 +132,7 @@ class RunWriter:
 
     def __init__(
         self,
-        path: PathLike,
+        path: str | Path,
         frequency: ArrayLike,
         polarization: ArrayLike,
         tx_position: ArrayLike,
@@ -451,7 +451,7 @@ class RunWriter:
 
 def save_run(
     run: xr.Dataset,
-    path: PathLike,
+    path: str | Path,
     overwrite: bool = False,
     resume: bool = False,
     share_files: bool = False,
@@ -517,7 +517,7 @@ def _partial_store(path: Path) -> Path:
     return path.with_name(path.name + PARTIAL)
 
 
-def is_finished(path: PathLike) -> bool:
+def is_finished(path: str | Path) -> bool:
     """Return whether a store has its name and its writer came to an end.
 
     A writer that was killed in between leaves its journal in the store, which the next writer takes
@@ -527,7 +527,7 @@ def is_finished(path: PathLike) -> bool:
     return root.is_dir() and not os.path.lexists(root / JOURNAL)
 
 
-def is_stored(run: xr.Dataset, path: PathLike) -> bool:
+def is_stored(run: xr.Dataset, path: str | Path) -> bool:
     """Return whether a path holds a complete store of exactly this run.
 
     Parameters

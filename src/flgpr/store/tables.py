@@ -35,7 +35,6 @@ from flgpr.store.files import existing, foreign_content, write_whole
 from flgpr.store.notes import log_note
 from flgpr.store.text import decode_text
 from flgpr.toml_text import parse_toml
-from flgpr.types import PathLike
 
 _CHECKS = {"alarms": check_alarms, "truth": check_truth, "objects": check_objects}
 _COLUMNS = {"alarms": ALARM_COLUMNS, "truth": TRUTH_COLUMNS, "objects": OBJECT_COLUMNS}
@@ -58,7 +57,7 @@ _PLAIN_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _ID_COLUMNS = ("alarm_id", "target_id", "object_id")
 
 
-def read_table(path: PathLike, kind: str, reading: TableReading | None = None) -> pd.DataFrame:
+def read_table(path: str | Path, kind: str, reading: TableReading | None = None) -> pd.DataFrame:
     """Read a table of alarms, truth or objects from CSV.
 
     Columns are separated by commas, or by semicolons or tabs with decimal points or decimal commas.
@@ -90,7 +89,7 @@ def read_table(path: PathLike, kind: str, reading: TableReading | None = None) -
     return parse_table(read_named(path), kind, path, reading)
 
 
-def read_table_in(folder: PathLike, name: str | PurePath, kind: str) -> pd.DataFrame:
+def read_table_in(folder: str | Path, name: str | PurePath, kind: str) -> pd.DataFrame:
     """Read a table as :func:`read_table` does, from an untrusted folder (:mod:`flgpr.door`).
 
     Parameters
@@ -117,7 +116,7 @@ def read_table_in(folder: PathLike, name: str | PurePath, kind: str) -> pd.DataF
 
 
 def parse_table(
-    data: bytes, kind: str, path: PathLike, reading: TableReading | None = None
+    data: bytes, kind: str, path: str | Path, reading: TableReading | None = None
 ) -> pd.DataFrame:
     """Read a table as :func:`read_table` does from the bytes of a file, which errors name.
 
@@ -300,7 +299,7 @@ def _with_equal_ranks(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
     ]
 
 
-def parse_own_table(data: bytes, kind: str, path: PathLike) -> pd.DataFrame:
+def parse_own_table(data: bytes, kind: str, path: str | Path) -> pd.DataFrame:
     """Read a table as flgpr itself writes it, in UTF-8 and in no other dialect.
 
     Parameters
@@ -494,7 +493,7 @@ def _check_table_size(data: bytes) -> None:
             raise ValueError(f"a table must have at most {most} {noun}, got {count}")
 
 
-def write_table(table: pd.DataFrame, path: PathLike) -> None:
+def write_table(table: pd.DataFrame, path: str | Path) -> None:
     """Write a table as CSV, every number in the shortest form that reads back the same.
 
     Text that a spreadsheet would run as a formula gets an apostrophe in front, which is removed on
@@ -563,7 +562,7 @@ def plain_text(cell: Any) -> Any:
     return cell[1:] if is_quoted else cell
 
 
-def write_geojson(table: pd.DataFrame, path: PathLike) -> None:
+def write_geojson(table: pd.DataFrame, path: str | Path) -> None:
     """Write a table as points in the form of GeoJSON, in the lane frame.
 
     GeoJSON itself is longitude and latitude (RFC 7946), so that such a file should end in
@@ -588,7 +587,7 @@ def write_geojson(table: pd.DataFrame, path: PathLike) -> None:
 
 
 def write_features(
-    path: PathLike, points: list[list[float]], rest: pd.DataFrame, head: dict[str, Any]
+    path: str | Path, points: list[list[float]], rest: pd.DataFrame, head: dict[str, Any]
 ) -> None:
     """Write GeoJSON points with properties of each, and entries of them all.
 
@@ -615,7 +614,7 @@ def write_features(
     write_whole(Path(path), json.dumps(collection, indent=1, allow_nan=False) + "\n")
 
 
-def read_lane(path: PathLike) -> Lane:
+def read_lane(path: str | Path) -> Lane:
     """Read a lane from TOML with x_min, x_max, y_min and y_max, m.
 
     Parameters
@@ -645,7 +644,7 @@ def parse_lane(data: bytes) -> Lane:
     return as_lane(parse_toml(data))
 
 
-def lane_file_of(run: PathLike) -> Path:
+def lane_file_of(run: str | Path) -> Path:
     """Return where the lane of a run store lies that has one beside it: ``NAME-lane.toml``."""
     store = Path(run)
     return store.with_name(f"{store.stem}-lane.toml")

@@ -13,7 +13,6 @@ from flgpr.door import read_named
 from flgpr.json_text import check_format, parse_json
 from flgpr.model.faults import first_fault
 from flgpr.store.files import existing
-from flgpr.types import PathLike
 
 VERDICTS = ("mine", "unsure", "clutter")
 VERDICTS_FORMAT = "flgpr-notes"
@@ -42,7 +41,7 @@ class _Verdicts(BaseModel):
     notes: list[_Verdict]
 
 
-def read_verdicts(path: PathLike) -> list[dict[str, Any]]:
+def read_verdicts(path: str | Path) -> list[dict[str, Any]]:
     """Read the notes of a file that the viewer wrote or saved.
 
     Parameters

@@ -29,7 +29,6 @@ from starlette.routing import Route
 from flgpr.geo import map_backdrop, read_anchor
 from flgpr.store import MOST_VERDICT_BYTES, RunStoreError
 from flgpr.store.answers import MOST_ANSWER_BYTES, add_answer
-from flgpr.types import PathLike
 from flgpr.viewer.guard import Guard, is_loopback
 from flgpr.viewer.limits import (
     LimitedConfig,
@@ -80,7 +79,7 @@ class Raw(Protocol):
         ...
 
 
-OpenRaw = Callable[[PathLike], Raw]
+OpenRaw = Callable[[str | Path], Raw]
 #: returns a zip of a map project: of a result folder, an anchor's file or None for the result's own
 #: georeference, and a score's folder or None
 MakeMap = Callable[[Path, Path | None, Path | None], bytes]
@@ -134,16 +133,16 @@ class Viewer:
 
     def __init__(
         self,
-        paths: Sequence[PathLike],
+        paths: Sequence[str | Path],
         host: str = "127.0.0.1",
         port: int = 0,
         allow_remote: bool = False,
-        live: PathLike | None = None,
-        score: PathLike | None = None,
-        anchor: PathLike | None = None,
+        live: str | Path | None = None,
+        score: str | Path | None = None,
+        anchor: str | Path | None = None,
         raw: OpenRaw | None = None,
-        backdrop: PathLike | None = None,
-        verdicts: PathLike | None = None,
+        backdrop: str | Path | None = None,
+        verdicts: str | Path | None = None,
         framed: bool = False,
         make_map: MakeMap | None = None,
     ) -> None:
@@ -215,7 +214,7 @@ class Viewer:
         """Let :meth:`run` end."""
         self._server.should_exit = True
 
-    def _draw_backdrop(self, path: PathLike) -> tuple[bytes, list[float]]:
+    def _draw_backdrop(self, path: str | Path) -> tuple[bytes, list[float]]:
         """Return a map of all lanes and some ground around as PNG, and its x and y edges, m."""
         indices = [source.index for source in self._sources if "lane" in source.index]
         georeference = self._georeference
@@ -360,14 +359,14 @@ class Viewer:
 
 
 def serve(
-    paths: PathLike | Sequence[PathLike],
+    paths: str | Path | Sequence[str | Path],
     host: str = "127.0.0.1",
     port: int = 0,
     open_browser: bool = True,
     allow_remote: bool = False,
-    live: PathLike | None = None,
-    score: PathLike | None = None,
-    anchor: PathLike | None = None,
+    live: str | Path | None = None,
+    score: str | Path | None = None,
+    anchor: str | Path | None = None,
     announce: Callable[[str], None] = print,
     answers: bool = False,
     **options: Any,

@@ -36,7 +36,6 @@ from flgpr.store.view_format import (
     check_view_index,
     view_score_body,
 )
-from flgpr.types import PathLike
 from flgpr.viewer.scores import NO_IMAGES, IndexOnly, ScoreFiles, score_file
 
 LIVE_FILE = "live.jsonl"
@@ -65,7 +64,7 @@ class ResultFiles:
         If the folder is no result or its view is of another version.
     """
 
-    def __init__(self, folder: PathLike, score: PathLike | None = None) -> None:
+    def __init__(self, folder: str | Path, score: str | Path | None = None) -> None:
         self.folder = Path(folder).resolve()
         self.identity, self._files = _listed_by_manifest(self.folder)
         with _as_view_error():
@@ -175,7 +174,7 @@ def _as_view_error() -> Iterator[None]:
 class RunFiles(IndexOnly):
     """A run without a result, or a recording: the track, and what was assumed on reading."""
 
-    def __init__(self, path: PathLike) -> None:
+    def __init__(self, path: str | Path) -> None:
         self.folder = Path(path).resolve()
         is_traces = self.folder.is_file()
         run = recording_reader(path).preview(self.folder) if is_traces else open_run(path)
@@ -229,7 +228,7 @@ class VerdictFile:
     """
 
     def __init__(
-        self, path: PathLike, sources: Sequence[ViewSource], live_folders: Sequence[Path] = ()
+        self, path: str | Path, sources: Sequence[ViewSource], live_folders: Sequence[Path] = ()
     ) -> None:
         self.path = Path(path).resolve()
         self._writing = threading.Lock()
@@ -280,7 +279,7 @@ class LiveFile:
     The file may appear later.
     """
 
-    def __init__(self, path: PathLike) -> None:
+    def __init__(self, path: str | Path) -> None:
         path = Path(path).resolve()
         if path.suffix == ".jsonl":
             self.folder = path.parent
@@ -361,7 +360,7 @@ def _with_whole_vehicle(event: dict[str, Any]) -> dict[str, Any]:
 ViewSource = ResultFiles | RunFiles | ScoreFiles
 
 
-def open_sources(paths: Sequence[PathLike], score: PathLike | None = None) -> list[ViewSource]:
+def open_sources(paths: Sequence[str | Path], score: str | Path | None = None) -> list[ViewSource]:
     """Open what is shown together.
 
     Together with the score of an alarm list, results are shown by their scores only.
@@ -404,7 +403,7 @@ def _score_of(source: ViewSource) -> ScoreFiles:
     return ScoreFiles(path)
 
 
-def open_source(path: PathLike, score: PathLike | None = None) -> ViewSource:
+def open_source(path: str | Path, score: str | Path | None = None) -> ViewSource:
     """Open a result folder (or its alarms.csv), a run store, a recording or a score (or its JSON).
 
     Parameters
