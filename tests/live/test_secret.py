@@ -9,7 +9,8 @@ import time
 import numpy as np
 import pytest
 
-from flgpr.live import feeding, secret
+from flgpr.live import feeding
+from flgpr.live import sockets as secret
 from flgpr.live.options import LiveOptions
 from flgpr.live.senders import TcpWatch
 from flgpr.live.session import LiveRun

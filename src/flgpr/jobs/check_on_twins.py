@@ -2,6 +2,8 @@
 
 A recipe that is fitted to an array may suit it badly, which no training shows. On simulated lanes
 of the same array the truth is known, so no mine of the user's is needed.
+
+Twins of a user's lanes: short simulated lanes as an array sees them, with mines far apart.
 """
 
 from __future__ import annotations

@@ -3,6 +3,10 @@
 A file is whole and proven by its digest, or it is made again. Nothing is flushed to the disk on
 purpose: what a crash of the machine damages is found and made again. Why a resumed run gives the
 same bits: ``engine.py``.
+
+The pass cache: results of passes that jobs of other recipes share.
+
+It is a folder that may be deleted at any time. Beside every result lies a report of what it cost.
 """
 
 from __future__ import annotations

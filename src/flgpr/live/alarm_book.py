@@ -1,4 +1,7 @@
-"""The alarms of a drive: those that a later scan may change, and those that are passed."""
+"""The alarms of a drive: those that a later scan may change, and those that are passed.
+
+The density rule while scans come in: maxima and area of the ground seen so far.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,10 @@
 """The file of live events: one JSON object per line, only ever appended to.
 
 It is all that the viewer knows of a live run.
+
+Limits how many events of faults are written.
+
+Of a flood, one event now and then gives the count.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""What a live run is asked for."""
+"""What a live run is asked for.
+
+How a live run went: counts, alarms, and the time from a scan to its alarms.
+"""
 
 from __future__ import annotations
 

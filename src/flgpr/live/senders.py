@@ -1,4 +1,7 @@
-"""The sockets on which scans arrive, Unix or TCP, and the programs that send them."""
+"""The sockets on which scans arrive, Unix or TCP, and the programs that send them.
+
+Cuts the bytes that a sender sends over a socket into frames.
+"""
 
 from __future__ import annotations
 

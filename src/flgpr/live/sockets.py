@@ -2,6 +2,14 @@
 
 Without an address TCP is open to this machine alone. Any other interface must be asked for by its
 address. There is no name look-up: a name that resolves to another machine opens nothing.
+
+A secret that sender and receiver share, by which a TCP sender shows that it may send.
+
+The receiver begins: it sends :data:`MARK` and 32 random bytes. The sender answers with the same
+mark and the HMAC-SHA256 of mark and random bytes under the secret; then its frames follow. The
+secret itself never crosses the network, and an answer is of use for one connection alone. What
+follows is neither encrypted nor signed: who can change the bytes of a connection on their way needs
+no secret.
 """
 
 from __future__ import annotations

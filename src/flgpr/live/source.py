@@ -1,4 +1,9 @@
-"""Where scans come from: what arrived and was not taken yet, and the threads that bring it."""
+"""Where scans come from: what arrived and was not taken yet, and the threads that bring it.
+
+Scans that a radar writes into a folder as files.
+
+A recorded run as a source of live scans: one after the other, in the order of their times.
+"""
 
 from __future__ import annotations
 

@@ -3,6 +3,8 @@
 Backgrounds are estimated over the whole run, the density rule counts over the whole lane, and every
 section reads rows beyond its own. So sections together hold the run-view and the alarms that the
 lane in one piece would. How many there are follows from the memory (``method/memory.py``).
+
+Which ground a detection searches, why this ground, and what of it no scan sees.
 """
 
 from __future__ import annotations

@@ -11,6 +11,19 @@ Statistics 3, 1975, with a shape of zero), and the spacings of such values in or
 many to be mines, whatever lies above them. An alarm stands out where that tail lets expect at most one as
 strong on the lane. A lane with few alarms has no tail. The rule is unproven: nothing was learnt, and a
 rock stands out as well as a mine.
+
+Thresholds for a false-alarm rate, from ground without targets.
+
+Of every training lane the confidences of alarms at no target are kept, each by a detector that was
+trained without that lane. The lane's own threshold for a rate is the confidence that no more of them
+exceed than the rate allows. A new lane is as likely as any of them to have the highest threshold, so
+that of n + 1 exchangeable lanes the threshold of rank ⌈0.95 (n + 1)⌉ suffices on 95 % of them (split
+conformal prediction: Vovk, Gammerman & Shafer, "Algorithmic Learning in a Random World", 2005). With
+fewer than 19 lanes there is no such rank; the highest suffices on n / (n + 1) of lanes.
+
+Where what was learnt does not hold, the threshold is the lane's own: as many alarms lie above it as the
+rate allows on its area, were none of them a target. So the rate holds whatever lies there, at the cost
+of targets.
 """
 
 from __future__ import annotations

@@ -3,6 +3,8 @@
 Resolution across and along grows with the height, and so does what surrounds a mine in an image.
 Two recipes are known: that of the paper's array, 5 m high, and C_HH for antennas 1.5 m high, the
 packaged recipe ``miniature``. A length of the first becomes that of the second on a straight line.
+
+Sub-bands of a recipe that follow from the tones of a run.
 """
 
 from __future__ import annotations

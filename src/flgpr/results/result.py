@@ -1,6 +1,8 @@
 """The result folder.
 
 Alarms and run-views of a run, and the recipe, lane and run that they come from.
+
+The results of a survey: many lanes, each read when it is asked for.
 """
 
 from __future__ import annotations

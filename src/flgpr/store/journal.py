@@ -2,6 +2,10 @@
 
 It has a line per scan, written after the scan's chunk was flushed. Each line has the digest of its
 own text, so that a line that a killed process left half-written is found and dropped.
+
+The record of what a run store was made of, by which the same call knows it again.
+
+It lies in the store and is no part of the run: readers of runs ignore it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Limits of a client: the number of connections, and the time for every step of a request."""
+"""Limits of a client: the number of connections, and the time for every step of a request.
+
+A socket that listens, or the reason why it cannot.
+"""
 
 from __future__ import annotations
 

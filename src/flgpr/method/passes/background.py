@@ -1,4 +1,9 @@
-"""The self-signature, and the gain of every scan (Wang et al. 2007, Eq. 2)."""
+"""The background of the images: self-signature and gain, and what the clutter of a lane is.
+
+The self-signature, and the gain of every scan, are those of Wang et al. 2007, Eq. 2. The gain
+background, in units of which images are cleaned, is that of Eq. 3 and 4. The clutter is a lane's as
+the learnt map sees it, to be compared with that of the training lanes.
+"""
 
 from __future__ import annotations
 

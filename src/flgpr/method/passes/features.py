@@ -3,6 +3,8 @@
 Contrast and polarimetric features are those of Wang et al. 2007, Eq. 5 to 17
 (``features/alarm_features.py``). The other columns are those of the recipe's feature stages: a new
 column is a stage such as ``stages/tracking.py``, and its row in ``stages/__init__.py``.
+
+What explains the alarms to the viewer: patches, cuts and A-scans of the nearest looks.
 """
 
 from __future__ import annotations

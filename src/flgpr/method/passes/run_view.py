@@ -3,6 +3,10 @@
 That is the second largest look at every place, or the mean look, or one look for each of several
 ranges, as the recipe has it. ``Steps.view_sums`` (``method/steps.py``) chooses among the looks that
 ``screen/views.py`` takes; the recipe's names for them stand in ``recipe/tables.py``.
+
+Alarms on every scan's image, for recipes that score by frames (Fuse et al. 2018, Sec. 4).
+
+Alarms: the local maxima of the run-view, of which the density rule leaves the strongest.
 """
 
 from __future__ import annotations

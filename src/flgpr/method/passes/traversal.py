@@ -1,4 +1,12 @@
-"""What a pass is, and how several go through the scans of a lane together."""
+"""What a pass is, and how several go through the scans of a lane together.
+
+One scan of a run, as the passes see it.
+
+What the result of a pass depends on beside run, lane and version of the program.
+
+Recipes that agree in it share the result. None stands for a result that no other recipe can use,
+because a stage that has learnt took part in it.
+"""
 
 from __future__ import annotations
 
