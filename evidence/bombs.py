@@ -30,7 +30,7 @@ ARRAYS = (
     "from flgpr.formats import open_arrays; a = open_arrays(PATH); [a.read(n) for n in a.arrays]"
 )
 RECIPE = "from flgpr.recipe.schema import parse_recipe; parse_recipe(open(PATH).read())"
-SCAN = "from flgpr.live.stream import FrameStream; list(FrameStream().take(open(PATH, 'rb').read(), True))"
+SCAN = "from flgpr.live.senders import FrameStream; list(FrameStream().take(open(PATH, 'rb').read(), True))"
 TABLE = "from flgpr.store import read_table; read_table(PATH, 'alarms')"
 DZX = (
     "from pathlib import Path; from flgpr_exchange.gpr.dzx import read_dzx; notes = []; "

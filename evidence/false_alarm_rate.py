@@ -23,9 +23,9 @@ sys.path.append(str(Path(__file__).parent))
 from common import made_lanes, markdown, with_share
 from flgpr.commands.train import train
 from flgpr.method.detection import AS_LEARNT
-from flgpr.method.false_alarms import own_threshold, training_threshold
 from flgpr.method.method import detect
 from flgpr.method.model import Model, load_model
+from flgpr.method.stands_out import own_threshold, training_threshold
 from flgpr.model import Lane
 from flgpr.proving_ground import load_ground, packaged_entries
 from flgpr.recipe.schema import parse_recipe

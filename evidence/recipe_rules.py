@@ -24,8 +24,14 @@ import xarray as xr
 sys.path.append(str(Path(__file__).parent))
 from common import markdown, with_share
 from flgpr import train
-from flgpr.jobs.check_on_twins import matched
-from flgpr.jobs.twins import Twin, draw_scene, plan_twins, simulate_twin, twins_for
+from flgpr.jobs.check_on_twins import (
+    Twin,
+    draw_scene,
+    matched,
+    plan_twins,
+    simulate_twin,
+    twins_for,
+)
 from flgpr.method.method import detect
 from flgpr.method.model import Model, load_model
 from flgpr.method.stands_out import tail_threshold

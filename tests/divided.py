@@ -3,11 +3,9 @@
 from functools import cache
 
 from flgpr.method.imaged_run import ImagedRun
-from flgpr.method.imaged_scan import ImagedScan
-from flgpr.method.passes.alarms import Maxima
-from flgpr.method.passes.gain import SmoothGain
-from flgpr.method.passes.run_view import RunView
-from flgpr.method.passes.signature import SelfSignaturePass
+from flgpr.method.passes.background import SelfSignaturePass, SmoothGain
+from flgpr.method.passes.run_view import Maxima, RunView
+from flgpr.method.passes.traversal import ImagedScan
 from flgpr.recipe.schema import parse_recipe
 from small_lane import LANE, small_recipe, small_run
 

@@ -49,7 +49,25 @@ class RunAccessor:
         figure = Figure(figsize=(4.5, 3.5), layout="constrained")
         self.plot.geometry(figure.subplots())
         picture = picture_html(figure, "plan of scans and antennas")
-        table = entries_html(_summary(self._run))
+        scans = str(self._run.sizes["scan"])
+        incomplete = int(np.count_nonzero(~complete_scans(self._run)))
+        if incomplete:
+            scans += f", {incomplete} of them with missing sweeps"
+        tones = self._run["frequency"].values / 1e9
+        pose = self._run["pose"].values
+        driven = float(np.hypot(*np.diff(pose[:, :2], axis=0).T).sum())
+        table = entries_html(
+            {
+                "scans": scans,
+                "polarizations": ", ".join(
+                    str(label) for label in self._run["polarization"].values
+                ),
+                "antenna pairs": str(self._run.sizes["pair"]),
+                "tones": f"{tones.size}, {tones[0]:.4g} to {tones[-1]:.4g} GHz",
+                "driven": f"{driven:.4g} m",
+                "height": f"{float(pose[:, 2].mean()):.3g} m",
+            }
+        )
         return f"<p><b>{title}</b></p>{side_by_side_html(picture, table)}"
 
     def health(self) -> pd.DataFrame:
@@ -68,25 +86,6 @@ class RunAccessor:
         frequency = self._run["frequency"].values
         subbands = {"all": (float(frequency[0]), float(frequency[-1]))}
         return ScanImager(self._run, grid or _default_grid(self._run), subbands, window)
-
-
-def _summary(run: xr.Dataset) -> dict[str, str]:
-    """Return what a run holds, in words by what it is."""
-    scans = str(run.sizes["scan"])
-    incomplete = int(np.count_nonzero(~complete_scans(run)))
-    if incomplete:
-        scans += f", {incomplete} of them with missing sweeps"
-    tones = run["frequency"].values / 1e9
-    pose = run["pose"].values
-    driven = float(np.hypot(*np.diff(pose[:, :2], axis=0).T).sum())
-    return {
-        "scans": scans,
-        "polarizations": ", ".join(str(label) for label in run["polarization"].values),
-        "antenna pairs": str(run.sizes["pair"]),
-        "tones": f"{tones.size}, {tones[0]:.4g} to {tones[-1]:.4g} GHz",
-        "driven": f"{driven:.4g} m",
-        "height": f"{float(pose[:, 2].mean()):.3g} m",
-    }
 
 
 class RunPlots:

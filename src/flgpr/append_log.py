@@ -56,7 +56,13 @@ class AppendLog:
         self.path = path
         self._file = _hold(path, wait)
         try:
-            self._begin()
+            text = _read(self._file, self.path)
+            *self.lines, self.torn = text.split(b"\n")
+            self._ends: list[int] = []
+            end = 0
+            for line in self.lines:
+                end += len(line) + 1
+                self._ends.append(end)
         except BaseException:
             self.close()
             raise
@@ -102,16 +108,6 @@ class AppendLog:
     def close(self) -> None:
         """Close the log, which another process may then hold."""
         self._file.close()
-
-    def _begin(self) -> None:
-        """Read the complete lines, and what follows them."""
-        text = _read(self._file, self.path)
-        *self.lines, self.torn = text.split(b"\n")
-        self._ends: list[int] = []
-        end = 0
-        for line in self.lines:
-            end += len(line) + 1
-            self._ends.append(end)
 
 
 def read_log(path: Path, wait: float = 0.0) -> tuple[list[bytes], bytes]:

@@ -170,7 +170,13 @@ class Folder:
             )
         with self.open(name, MOST_CHECKED) as file:
             if name not in self._blocks:
-                self._blocks[name] = self._prove_blocks(name, file)
+                digest_of_file = hashlib.sha256()
+                digests = []
+                while block := file.read(_BLOCK):
+                    digest_of_file.update(block)
+                    digests.append(hashlib.sha256(block).digest())
+                self._compare(name, digest_of_file.hexdigest())
+                self._blocks[name] = digests
             proven = self._blocks[name]
             first = offset // _BLOCK
             stop = min(-(-(offset + length) // _BLOCK), len(proven))
@@ -239,16 +245,6 @@ class Folder:
                 f"{self.root}: {name} differs from what was written (its SHA-256 is another)"
             )
         self.proven.add(name)
-
-    def _prove_blocks(self, name: str, file: BinaryIO) -> list[bytes]:
-        """Check the digest of a file, and return that of each of its blocks."""
-        digest_of_file = hashlib.sha256()
-        digests = []
-        while block := file.read(_BLOCK):
-            digest_of_file.update(block)
-            digests.append(hashlib.sha256(block).digest())
-        self._compare(name, digest_of_file.hexdigest())
-        return digests
 
 
 def listed_files(folder: str | Path, manifest: Mapping[str, Any]) -> Folder:

@@ -326,22 +326,18 @@ def _run_at_once(
         pool.shutdown(cancel_futures=True)
 
 
-def bundle_groups(groups: Mapping[str, Arrays]) -> Arrays:
-    """Bundle groups of arrays into one, each array as GROUP|NAME."""
+def bundle_groups(groups: Mapping[str, Mapping[str, AnyArray]], mark: str = "|") -> Arrays:
+    """Bundle groups of arrays into one, each array as GROUP, the mark and NAME."""
     bundled = {}
     for group, arrays in groups.items():
         for name, array in arrays.items():
-            bundled[f"{group}|{name}"] = array
+            bundled[f"{group}{mark}{name}"] = array
     return bundled
 
 
-def group_of(arrays: Mapping[str, AnyArray], group: str) -> Arrays:
-    """Return one group of what :func:`bundle_groups` made."""
-    return arrays_under(arrays, f"{group}|")
-
-
-def arrays_under(arrays: Mapping[str, AnyArray], prefix: str) -> Arrays:
-    """Return the arrays whose names begin with a prefix, without it."""
+def group_of(arrays: Mapping[str, AnyArray], group: str, mark: str = "|") -> Arrays:
+    """Return one group of what :func:`bundle_groups` made with this mark."""
+    prefix = f"{group}{mark}"
     members = {}
     for key in arrays:
         if key.startswith(prefix):

@@ -54,24 +54,19 @@ def parse_json(
     of_text, of_bytes = _SURROGATE
     found = of_text.search(data) if isinstance(data, str) else of_bytes.search(data)
     if found is not None:
-        _refuse_surrogates(value)
+        try:  # half a pair of surrogates is no character and cannot be written
+            json.dumps(value, ensure_ascii=False).encode()
+        except UnicodeEncodeError as error:
+            half = ord(error.object[error.start])
+            raise ValueError(
+                f"its text must be of whole characters, got half of one, U+{half:04X}"
+            ) from None
     containers = [value]
     for _ in range(MOST_NESTING + 1):
         containers = _inner_containers(containers)
         if not containers:
             return value
     raise ValueError(f"it must be nested at most {MOST_NESTING} deep, got more")
-
-
-def _refuse_surrogates(value: Any) -> None:
-    """Refuse text with half a pair of surrogates, which is no character and cannot be written."""
-    try:
-        json.dumps(value, ensure_ascii=False).encode()
-    except UnicodeEncodeError as error:
-        half = ord(error.object[error.start])
-        raise ValueError(
-            f"its text must be of whole characters, got half of one, U+{half:04X}"
-        ) from None
 
 
 def _short_number(digits: str) -> int:

@@ -5,6 +5,7 @@ A name says what an array holds; shapes stand in docstrings.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ Entries = dict[str, Any]
 """Values by their names: an object of JSON, a table of TOML, what a header states."""
 Notes = list[str]
 """What was assumed, replaced or left out while a file was read or written, a line each."""
+PathLike = str | Path
 
 
 def floats(values: Any) -> FloatArray:

@@ -41,7 +41,7 @@ def test_a_result_is_written_and_no_work_folder_stays(run, tmp_path):
     job = job_of(run, tmp_path / "result")
     reports = []
     with InProcess() as executor:
-        assert detect_lane(job, executor, note=reports.append) == [tmp_path / "result"]
+        assert detect_lane(job, executor, RunOptions(note=reports.append)) == [tmp_path / "result"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["result"]
     assert len(read_result(tmp_path / "result").detections) == 1
     assert reports
@@ -55,7 +55,9 @@ def test_a_label_stands_before_all_that_progress_is_shown_of(run, tmp_path):
         return items
 
     with InProcess() as executor:
-        detect_lane(job_of(run, tmp_path / "result"), executor, track, label="north: ")
+        detect_lane(
+            job_of(run, tmp_path / "result"), executor, RunOptions(track=track), label="north: "
+        )
     assert titles[-1] == "north: writing the result"
     assert all(title.startswith("north: ") for title in titles)
     assert len(titles) > 2
@@ -67,11 +69,11 @@ def test_a_whole_result_is_left_as_it_is_unless_it_is_to_be_overwritten(run, tmp
     with InProcess() as executor:
         detect_lane(job, executor)
         with caplog.at_level("INFO", "flgpr.outputs"):
-            again = detect_lane(job, executor, note=reports.append, overwrite=False)
+            again = detect_lane(job, executor, RunOptions(note=reports.append), overwrite=False)
         assert again == [tmp_path / "result"]
         assert reports == []
         assert "result exists already" in caplog.text
-        detect_lane(job, executor, note=reports.append)
+        detect_lane(job, executor, RunOptions(note=reports.append))
         assert reports
 
 
@@ -110,7 +112,7 @@ def test_recipes_share_passes_through_a_cache_and_find_what_they_find_alone(run,
     reports = []
     with InProcess() as executor:
         detect_lane(first, executor)
-        detect_lane(second, executor, note=reports.append)
+        detect_lane(second, executor, RunOptions(note=reports.append))
         detect_lane(alone, executor)
     passes_with_blocks = {report["stage"] for report in reports if report["block"] >= 0}
     assert passes_with_blocks == {"features"}  # other alarms, on the same background and run-view
@@ -174,7 +176,7 @@ def runner_of(executor, notes, labels):
         labels.append((label, total))
         return silent(items, label, total)
 
-    return PassRunner(executor, track, notes.append, threads=1)
+    return PassRunner(executor, RunOptions(track=track, note=notes.append), threads=1)
 
 
 def test_blocks_are_done_and_merged_pass_by_pass_and_all_is_reported(bare_job, work):

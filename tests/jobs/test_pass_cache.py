@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flgpr.jobs.checkpoint import begin_work
+from flgpr.jobs.checkpoint import PassCache, begin_work
 from flgpr.jobs.job import make_job
-from flgpr.jobs.pass_cache import PassCache
 from flgpr.store import save_run
 from small_lane import LANE, small_recipe, small_run
 

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from flgpr.jobs.twins import APART, draw_scene, plan_twins, simulate_twin, twins_for
+from flgpr.jobs.check_on_twins import APART, draw_scene, plan_twins, simulate_twin, twins_for
 from flgpr.recipe.make import fit_recipe
 from flgpr.recipe.schema import load_recipe, parse_recipe
 from recipe.test_recipe_for_run import bare_run

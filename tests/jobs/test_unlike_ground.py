@@ -11,11 +11,9 @@ from typer.testing import CliRunner
 from flgpr.commands.app import app
 from flgpr.commands.detect import detect
 from flgpr.commands.train import train
-from flgpr.engine import arrays_under
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.events import ground_event
 from flgpr.live.ground import AGREEING
-from flgpr.live.state import _arrays
 from flgpr.method.estimators import probability
 from flgpr.method.method import detect as detect_in_memory
 from flgpr.method.model import load_model, save_model
@@ -231,8 +229,7 @@ def test_live_it_goes_on_from_a_snapshot(home):
     whole, _ = play(home, "other")
     half, _ = play(home, "other", until=6)
     later, _ = play(home, "other", until=0)
-    state = _arrays(half)
-    later.ground.restore(arrays_under(state, "ground."))
+    later.ground.restore(half.ground.state())
     assert later.ground.unlike == half.ground.unlike
     for name, array in half.ground.state().items():
         np.testing.assert_array_equal(later.ground.state()[name], array)

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from flgpr.live.density import SeenDensity
+from flgpr.live.alarm_book import SeenDensity
 from flgpr.model import Lane
 from flgpr.recipe.tables import PrescreenTable
 from flgpr.screen import density_threshold

@@ -5,8 +5,7 @@ import json
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flgpr.live.event_rate import BURST, EventRate
-from flgpr.live.events import EventFile
+from flgpr.live.events import BURST, EventFile, EventRate
 
 
 def problem(words, number=0):

@@ -13,7 +13,6 @@ from flgpr.live.forecast import (
     NAME,
     Followed,
     Forecast,
-    _stored_scans,
     follow,
     forecast_event,
     forecast_of,
@@ -23,15 +22,22 @@ from flgpr.live.forecast import (
 from flgpr.method.classifier import TrainingSet
 from flgpr.method.estimators import train_estimator
 from flgpr.method.model import Model, load_model, save_model
+from flgpr.model import complete_scans
 from flgpr.recipe.schema import parse_recipe
 from flgpr.recipe.tables import DetectorTable
 from flgpr.store import describe_for_live
+from flgpr.store.scan_file import stored_scan
 from live_lane import LANE, make_lane_run, small_recipe
 from small_lane import cut_down
 
 KNOWN = Forecast((-1.2, -0.35, 0.4), (-0.2, 1.0), 0.6)
 RECIPE = cut_down(small_recipe(), [("y_max = 4.5", 'y_max = 4.5\nlook = "mean"\nfalloff = 2')])
 LOGISTIC = DetectorTable(estimator="logistic", features=("magnitude",))
+
+
+def stored_scans(run):
+    """The complete scans of a stored run, as if they arrived."""
+    return [stored_scan(run, int(number)) for number in np.flatnonzero(complete_scans(run))]
 
 
 def trained(features=("magnitude",), table=LOGISTIC):
@@ -106,7 +112,7 @@ def test_the_numbers_are_learnt_of_what_alarms_became():
 def test_looks_to_come_weigh_as_they_then_do(run, model):
     detector = started(run, model, looks=1)
     checked = 0
-    for scan in (one for one in _stored_scans(run) if one.number < 30):
+    for scan in (one for one in stored_scans(run) if one.number < 30):
         before = {
             one.alarm_id: (one, detector.expected_looks(one))
             for one in detector.alarms.open.values()
@@ -128,7 +134,7 @@ def test_looks_to_come_weigh_as_they_then_do(run, model):
 
 def test_an_alarm_stands_at_the_mean_of_its_looks(run, model):
     detector = started(run, model)
-    for scan in _stored_scans(run):
+    for scan in stored_scans(run):
         detector.add(scan)
         for alarm in detector.alarms.open.values():
             assert detector.mean_of_looks(alarm)[0] == pytest.approx(alarm.magnitude, rel=1e-5)
@@ -140,7 +146,7 @@ def test_what_is_followed_is_what_alarms_became(run, model):
     assert len(followed) > 100
     detector = started(run, model, looks=2)
     odds = set()
-    for scan in _stored_scans(run):
+    for scan in stored_scans(run):
         detector.add(scan)
         odds |= {one.confidence for one in detector.alarms.open.values()}
     assert {one.odds for one in followed} <= odds
@@ -153,7 +159,7 @@ def test_what_is_followed_is_what_alarms_became(run, model):
 
 def test_to_wait_needs_room_and_a_doubt(run, model):
     detector = started(run, model, looks=1)
-    for scan in _stored_scans(run):
+    for scan in stored_scans(run):
         detector.add(scan)
         if scan.number == 20:
             break
@@ -180,7 +186,7 @@ def test_to_wait_needs_room_and_a_doubt(run, model):
 
 def test_no_look_comes_to_who_stands_or_drives_back(run, model):
     detector = started(run, model, looks=1)
-    for scan in _stored_scans(run):
+    for scan in stored_scans(run):
         detector.add(scan)
         if scan.number == 20:
             break

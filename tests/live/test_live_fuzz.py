@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from damage import FUZZ, damaged
 from flgpr.live.events import EventFile
 from flgpr.live.options import LiveOptions
+from flgpr.live.senders import FrameStream
 from flgpr.live.session import LiveRun
-from flgpr.live.stream import FrameStream
 from flgpr.store import describe_for_live, encode_frame, encode_scan
 from flgpr.store.scan_file import MAGIC, parse_description
 from live_lane import make_lane_run, small_recipe

@@ -9,9 +9,8 @@ import pytest
 
 from flgpr.live.feeding import feed
 from flgpr.live.options import LiveOptions
-from flgpr.live.playing import RunPlayer, due_times, in_time_order
 from flgpr.live.session import LiveRun
-from flgpr.live.source import Inbox
+from flgpr.live.source import Inbox, RunPlayer, due_times, in_time_order
 from flgpr.store import decode_frame, describe_for_live, save_run
 from flgpr.store.scan_file import scan_name
 from live_lane import make_lane_run, small_recipe
@@ -69,7 +68,7 @@ def test_a_recording_is_played_as_it_was_recorded(monkeypatch):
             return False
 
     standing = SimpleNamespace(monotonic=lambda: 5.0, time=time.time)
-    monkeypatch.setattr("flgpr.live.playing.time", standing)
+    monkeypatch.setattr("flgpr.live.source.time", standing)
     inbox = Inbox()
     inbox.stop = Clock()
     RunPlayer(late, inbox).run()

@@ -9,9 +9,12 @@ import time
 import numpy as np
 import pytest
 
-from flgpr.live import feeding, secret
+from flgpr.live import feeding
+from flgpr.live import sockets as secret
 from flgpr.live.options import LiveOptions
-from flgpr.live.secret import (
+from flgpr.live.senders import TcpWatch
+from flgpr.live.session import LiveRun
+from flgpr.live.sockets import (
     ANSWER_BYTES,
     MARK,
     VARIABLE,
@@ -20,10 +23,8 @@ from flgpr.live.secret import (
     challenge,
     is_answer,
     live_secret,
+    parse_tcp,
 )
-from flgpr.live.senders import TcpWatch
-from flgpr.live.session import LiveRun
-from flgpr.live.sockets import parse_tcp
 from flgpr.store import describe_for_live, encode_frame, encode_scan, save_run
 from live_lane import make_lane_run, small_recipe
 from live_sockets import QUICK, first_scan, is_ended, sending_over, wait_for, watching

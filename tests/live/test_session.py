@@ -21,9 +21,8 @@ from flgpr.live.feeding import feed
 from flgpr.live.options import LiveOptions
 from flgpr.live.senders import SocketWatch
 from flgpr.live.session import LiveRun
-from flgpr.live.source import Inbox
+from flgpr.live.source import FolderWatch, Inbox
 from flgpr.live.state import read_snapshot
-from flgpr.live.watch import FolderWatch
 from flgpr.model.vehicle import Vehicle
 from flgpr.scoring import roc
 from flgpr.store import (

@@ -9,11 +9,10 @@ import pytest
 
 from flgpr.live.feeding import feed
 from flgpr.live.options import LiveOptions
-from flgpr.live.senders import SenderLimits, TcpWatch
+from flgpr.live.senders import SenderLimits, TcpWatch, largest_frame
 from flgpr.live.session import LiveRun
 from flgpr.live.sockets import TcpAddress, connected_tcp, listening_tcp, parse_tcp
 from flgpr.live.source import Inbox
-from flgpr.live.stream import largest_frame
 from flgpr.store import ScanFileError, describe_for_live, encode_frame, save_run
 from flgpr.store.scan_file import MAGIC
 from live_lane import make_lane_run, small_recipe

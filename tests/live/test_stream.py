@@ -3,7 +3,7 @@ import struct
 import numpy as np
 import pytest
 
-from flgpr.live.stream import FrameStream, largest_frame
+from flgpr.live.senders import FrameStream, largest_frame
 from flgpr.store import ScanFileError, describe_for_live, encode_frame, encode_scan
 from flgpr.store.scan_file import LARGEST_FRAME, MAGIC
 from live_lane import make_lane_run
@@ -55,7 +55,7 @@ def test_a_frame_full_of_beginnings_costs_little(monkeypatch):
     """Each could be that of the next good frame; they are not all tried again with every part that comes."""
     tried = []
     monkeypatch.setattr(
-        "flgpr.live.stream.decode_frame", lambda data: tried.append(1) or _no_frame()
+        "flgpr.live.senders.decode_frame", lambda data: tried.append(1) or _no_frame()
     )
     stream = FrameStream(2**20)
     stream._usual = 100

@@ -15,10 +15,9 @@ from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
 
 from damage import CASES, MACHINE
 from flgpr.door import Folder
-from flgpr.live import watch
+from flgpr.live import source as watch
 from flgpr.live.intake import Intake
-from flgpr.live.source import Arrival, ArrivalQueue, Inbox
-from flgpr.live.watch import FolderWatch
+from flgpr.live.source import Arrival, ArrivalQueue, FolderWatch, Inbox
 from flgpr.model import make_run
 from flgpr.store import ScanFileError, describe_for_live, encode_scan
 from flgpr.store.scan_file import scan_name

@@ -9,7 +9,7 @@ import xarray as xr
 
 from divided import SCANS, setup, with_results
 from flgpr.method.alarm_sums import AlarmSums, StageSums, own_column_count
-from flgpr.method.imaged_scan import ImagedScan
+from flgpr.method.passes.traversal import ImagedScan
 from small_lane import small_recipe
 
 TWO_ALARMS = pd.DataFrame({"x": [0.0, 1.0], "y": [5.0, 6.0]})

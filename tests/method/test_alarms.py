@@ -6,7 +6,7 @@ import pandas as pd
 from divided import results_of_lane, with_results
 from flgpr.engine import group_of
 from flgpr.method.imaged_run import array_table
-from flgpr.method.passes.alarms import Maxima
+from flgpr.method.passes.run_view import Maxima
 from flgpr.method.sections import Section
 from flgpr.screen import select
 

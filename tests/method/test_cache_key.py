@@ -1,8 +1,8 @@
 """What the result of a pass depends on, so that recipes that agree in it share it."""
 
-from flgpr.method.cache_key import background_key, features_key, view_key
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.method import engine_of
+from flgpr.method.passes.traversal import background_key, features_key, view_key
 from flgpr.recipe.schema import load_recipe, parse_recipe
 from flgpr.store import open_run, sample_lane
 from small_lane import LANE, small_recipe, small_run

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from divided import DIVISIONS, SCANS, in_blocks, with_results
-from flgpr.method.passes.explain import Explain, poses_near
+from flgpr.method.passes.features import Explain, poses_near
 
 
 def explained(lane, blocks):

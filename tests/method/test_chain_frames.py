@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from divided import DIVISIONS, SCANS, in_blocks, same_bits, with_results
-from flgpr.method.imaged_scan import ImagedScan
-from flgpr.method.passes.frames import FrameAlarms, alarms_by_frame
+from flgpr.method.passes.run_view import FrameAlarms, alarms_by_frame
+from flgpr.method.passes.traversal import ImagedScan
 from flgpr.screen import frame_alarms
 
 

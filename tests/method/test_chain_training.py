@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from flgpr.engine import PlannedPass
-from flgpr.method.passes.training import until_examples
+from flgpr.method.method import until_examples
 
 PASSES = [
     PlannedPass(name, name, lambda _: None)

@@ -104,7 +104,7 @@ def lanes():
 
 
 def test_alarms_are_labelled_and_targets_counted_through_all_lanes():
-    labels = label_lanes([(name, alarms, truth, lane) for name, alarms, _, truth, lane in lanes()])
+    labels = label_lanes(lanes())
     assert labels["label"].tolist() == ["hit", "hit", "false", "neither"] * 2
     assert labels["target"].tolist() == [0, 1, -1, -1, 2, 3, -1, -1]
     assert labels["beta"].tolist() == [1.0, SIMULANT_BETA, 1.0, 1.0] * 2

@@ -12,7 +12,7 @@ from flgpr.commands.replay import replay
 from flgpr.commands.runs import DEMO_COMPARISONS
 from flgpr.method.method import detect
 from flgpr.recipe.schema import load_recipe, parse_recipe, recipe_text
-from flgpr.results.errors import ResultError
+from flgpr.results.manifest import ResultError
 from flgpr.results.result import read_result
 from flgpr.scoring import roc
 from flgpr.store import (

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from flgpr.method.false_alarms import (
+from flgpr.method.stands_out import (
     MOST_KEPT,
     free_ground,
     own_threshold,

@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 
 from divided import DIVISIONS, SCANS, in_blocks, same_bits, with_results
-from flgpr.method.imaged_scan import ImagedScan
 from flgpr.method.passes.features import Features, alarms_near
+from flgpr.method.passes.traversal import ImagedScan
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from divided import DIVISIONS, in_blocks, results_of_lane, same_bits, setup
-from flgpr.method.passes.gain import GAIN_BACKGROUND, NoGain, RowGain, SmoothGain
+from flgpr.method.passes.background import GAIN_BACKGROUND, NoGain, RowGain, SmoothGain
 
 
 def lane_with_signature():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from divided import recorded, results_of_lane, setup
-from flgpr.method.imaged_scan import ImagedScan
+from flgpr.method.passes.traversal import ImagedScan
 from small_lane import small_recipe
 
 NEAR = small_recipe().replace("y_max = 4.5", "y_max = 3.5", 1)

@@ -34,7 +34,7 @@ def test_an_imager_makes_the_subbands_and_polarizations_that_are_asked_for():
 def test_plain_images_are_those_of_the_imager():
     images = images_of()
     assert images.plain
-    assert images.stage_passes() == []
+    assert [stage.passes() for stage in images.all_stages] == []
     np.testing.assert_array_equal(images.scan_image(2).values, images.imager.image(2).values)
 
 

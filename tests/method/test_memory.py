@@ -66,7 +66,6 @@ def test_one_estimate_holds_for_any_rows(recipe):
         assert memory.needed(rows) == lane_memory(SIZES, recipe, LANE).needed(rows)
     assert memory.thread == thread_memory(SIZES, recipe)
     assert memory.view == recipe.run_view.grid(LANE)
-    assert memory.background == 0
 
 
 def test_a_self_signature_by_the_median_holds_all_images(recipe):

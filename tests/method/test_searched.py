@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flgpr.method.searched import SEEN, searched_ground
+from flgpr.method.sections import SEEN, describe_searched
 from flgpr.model import Lane
 from flgpr.recipe.schema import farthest_seen, lane_of, parse_recipe, seen_lane
 from small_lane import small_recipe, small_run
@@ -45,10 +45,10 @@ def test_a_single_scan_searches_what_it_sees(recipe):
 
 
 def test_what_is_searched_and_what_is_only_seen_is_told(run, recipe):
-    ground = searched_ground(run, recipe, lane_of(run, recipe), "")
-    assert ground.source == SEEN
+    ground = describe_searched(run, recipe, lane_of(run, recipe), "")
+    assert ground["source"] == SEEN
     y = np.sort(run["pose"].values[:, 1])
-    notes = ground.notes()
+    notes = ground["notes"]
     assert notes[0].endswith("(the ground that 2 scans or more see)")
     assert notes[1] == f"seen and not searched: y {y[-2] + 4.5:.1f} to {y[-1] + 4.5:.1f} m"
     # A lane of 3 m is wider than this run-view.
@@ -58,7 +58,7 @@ def test_what_is_searched_and_what_is_only_seen_is_told(run, recipe):
 def test_ground_of_the_lane_that_nobody_sees_is_told(run, recipe):
     seen = seen_lane(run, recipe)
     lane = Lane(-2.0, 0.5, seen.y_min - 3, seen.y_max + 10)
-    notes = searched_ground(run, recipe, lane, "lane.toml, as given").notes()
+    notes = describe_searched(run, recipe, lane, "lane.toml, as given")["notes"]
     assert notes[0].startswith("searched: x -2.00 to 0.50 m")
     assert notes[0].endswith("(lane.toml, as given)")
     unseen = f"{lane.y_min:.1f} to {seen.y_min:.1f} m and {seen.y_max:.1f} to {lane.y_max:.1f} m"
@@ -71,6 +71,4 @@ def test_a_lane_of_the_recipe_is_its_source(run, recipe):
     own = parse_recipe(text)
     lane = lane_of(run, own)
     assert lane == Lane(-0.7, 0.7, 3.0, 9.0)
-    ground = searched_ground(run, own, lane, "")
-    assert ground.source == "the recipe's lane"
-    assert ground.as_json()["notes"] == ground.notes()
+    assert describe_searched(run, own, lane, "")["source"] == "the recipe's lane"

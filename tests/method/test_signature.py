@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from divided import DIVISIONS, SCANS, in_blocks, same_bits, setup
-from flgpr.method.imaged_scan import ImagedScan
-from flgpr.method.passes.signature import SelfSignaturePass
+from flgpr.method.passes.background import SelfSignaturePass
+from flgpr.method.passes.traversal import ImagedScan
 
 
 @pytest.fixture(scope="module")

@@ -6,9 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from flgpr.method.false_alarms import ABOVE
-from flgpr.method.searched import seen_part
-from flgpr.method.stands_out import DENSEST, FEWEST, tail_threshold, what_stands_out
+from flgpr.method.sections import seen_part
+from flgpr.method.stands_out import ABOVE, DENSEST, FEWEST, tail_threshold, what_stands_out
 from flgpr.model import Lane
 from flgpr.report.overview import alarm_sentence
 from flgpr.results.description import check_description

@@ -39,7 +39,9 @@ def test_every_reason_of_a_drive_stands_beside_its_entry(figures):
 
 
 def test_an_aperture_is_one_frame_and_few_polarizations_have_no_features(figures):
-    text = fitted_text(replace(figures, aperture=True, has_features=False))
+    setup = replace(figures.setup, aperture=True, polarizations=["HH"])
+    figures = replace(figures, setup=setup)
+    text = fitted_text(figures)
     assert f'frames = "all"  # {figures.reasons["image.frames"]}' in text
     assert "[features]" not in text
     assert "Local contrast after Wang et al. 2007" in text

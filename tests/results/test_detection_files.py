@@ -8,8 +8,7 @@ import pytest
 from flgpr.door import listed_files
 from flgpr.method.detection import MAIN
 from flgpr.results.detection_files import parse_detection, parse_view, read_detection_files
-from flgpr.results.errors import ResultError
-from flgpr.results.manifest import read_result_manifest
+from flgpr.results.manifest import ResultError, read_result_manifest
 from small_results import small_result
 
 

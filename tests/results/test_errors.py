@@ -2,7 +2,7 @@
 
 import pytest
 
-from flgpr.results.errors import ResultError
+from flgpr.results.manifest import ResultError
 from flgpr.results.result import read_result
 from small_results import small_result
 

@@ -3,8 +3,7 @@
 import pytest
 
 from flgpr.door import added_versions
-from flgpr.results.errors import ResultError
-from flgpr.results.manifest import read_result_manifest, sealed_manifest
+from flgpr.results.manifest import ResultError, read_result_manifest, sealed_manifest
 from flgpr.store import parse_with_digest
 from small_results import small_result
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from flgpr.results.errors import ResultError
-from flgpr.results.manifest import MANIFEST, read_result_manifest
+from flgpr.results.manifest import MANIFEST, ResultError, read_result_manifest
 from flgpr.results.result import add_files, are_settled, check_free, read_result, thinned
 from small_results import LANE, small_result
 

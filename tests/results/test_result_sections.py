@@ -2,7 +2,7 @@
 
 import pytest
 
-from flgpr.results.errors import ResultError
+from flgpr.results.manifest import ResultError
 from flgpr.results.sections import (
     join_results,
     read_sections,

@@ -21,7 +21,7 @@ from flgpr.formats import child
 from flgpr.formats.arrays import check_dataset, open_arrays
 from flgpr.json_text import parse_json
 from flgpr.live.recording import read_recording
-from flgpr.live.stream import FrameStream
+from flgpr.live.senders import FrameStream
 from flgpr.recipe.schema import parse_recipe
 from flgpr.store import ScanFileError, parse_description, scan_file
 from flgpr.store.scan_file import encode_frame

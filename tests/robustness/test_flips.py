@@ -14,7 +14,7 @@ from flgpr.detect.linear_quadratic import LinearQuadraticForm
 from flgpr.method.classifier import Classifier
 from flgpr.method.model import MODEL_FILE, Model, load_model, save_model
 from flgpr.results import result as result_module
-from flgpr.results.errors import ResultError
+from flgpr.results.manifest import ResultError
 from flgpr.results.result import add_files, read_result
 from flgpr.stages.forms import learnt_of
 from flgpr.store import Bundle, json_with_digest, open_run, save_run, write_bundle

@@ -23,7 +23,7 @@ from archives import read_archive
 from every_command import make_cheap, make_inputs
 from flgpr.commands.imports import import_fullwave, import_mapped
 from flgpr.jobs import checkpoint
-from flgpr.results.errors import ResultError
+from flgpr.results.manifest import ResultError
 from flgpr.results.result import read_result
 from flgpr.results.sections import results_at
 from flgpr.store import open_run

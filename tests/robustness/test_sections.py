@@ -19,12 +19,12 @@ from flgpr.commands.replay import replay
 from flgpr.jobs import checkpoint
 from flgpr.jobs.checkpoint import finish
 from flgpr.jobs.driver import detect_lane
-from flgpr.jobs.workers import InProcess
+from flgpr.jobs.workers import InProcess, RunOptions
 from flgpr.method.memory import lane_memory
 from flgpr.method.sections import Section, divide, plan_sections, section_lane, threads_within
 from flgpr.model import Lane
 from flgpr.recipe.schema import load_recipe
-from flgpr.results.errors import ResultError
+from flgpr.results.manifest import ResultError
 from flgpr.results.result import join_sections, read_result
 from flgpr.results.sections import results_at
 from flgpr.viewer.session import open_source
@@ -142,15 +142,15 @@ def test_sections_go_on_where_they_were_stopped_the_last_step_too(
     with InProcess() as executor:
         for _ in range(2):
             with pytest.raises(_Stop):
-                detect_lane(job, executor, note=note, longest=2.0)
+                detect_lane(job, executor, RunOptions(note=note), longest=2.0)
             assert not (tmp_path / "result").exists()
         with monkeypatch.context() as patch:
             patch.setattr(checkpoint, "finish", stop)
             with pytest.raises(_Stop):
-                detect_lane(job, executor, note=note, longest=2.0)
+                detect_lane(job, executor, RunOptions(note=note), longest=2.0)
         assert len(done) == len(set(done)) > 20
         # What is left costs nothing.
-        homes = detect_lane(job, executor, note=pytest.fail, longest=2.0)
+        homes = detect_lane(job, executor, RunOptions(note=pytest.fail), longest=2.0)
     assert homes == results_at(tmp_path / "result")
     for one, two in zip(results_at(folder), homes, strict=True):
         assert content(one) == content(two)
@@ -167,7 +167,7 @@ def test_another_division_begins_anew(lane, tmp_path):
 
     with InProcess() as executor:
         with pytest.raises(_Stop):
-            detect_lane(job, executor, note=stop, longest=2.0)
+            detect_lane(job, executor, RunOptions(note=stop), longest=2.0)
         detect_lane(job, executor, longest=4.0)
     told = json.loads((tmp_path / "result" / "sections.json").read_text())
     assert told["sections"] == ["section-01", "section-02"]

@@ -21,7 +21,7 @@ from flgpr.method.memory import parse_size
 from flgpr.method.sections import plan_sections
 from flgpr.model import Lane
 from flgpr.recipe.schema import load_recipe
-from flgpr.results.errors import ResultError
+from flgpr.results.manifest import ResultError
 from flgpr.results.result import read_result
 from flgpr.store import (
     RunStoreError,

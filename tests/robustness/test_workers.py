@@ -21,7 +21,7 @@ from flgpr.jobs import checkpoint
 from flgpr.jobs.checkpoint import WorkError, begin
 from flgpr.jobs.driver import detect_lane, passes_of_lane
 from flgpr.jobs.pieces import do_block
-from flgpr.jobs.workers import InProcess, LostWorkersError, Processes
+from flgpr.jobs.workers import InProcess, LostWorkersError, Processes, RunOptions
 from flgpr.store import sample_lane, save_run
 from robust import content, digests, small_job
 
@@ -398,7 +398,7 @@ def test_the_work_folder_of_many_blocks_holds_few_parts(lane, threads, tmp_path,
         detect_lane(small_job(lane, tmp_path / "plain"), executor)
         monkeypatch.setattr(checkpoint, "MERGE_BYTES", 1)
         monkeypatch.setattr(checkpoint.Checkpoint, "__setitem__", keep)
-        detect_lane(small_job(lane, tmp_path / "merged"), executor, note=note)
+        detect_lane(small_job(lane, tmp_path / "merged"), executor, RunOptions(note=note))
     assert content(tmp_path / "merged") == content(tmp_path / "plain")
     assert max(held["signature"] + held["gain"]) <= 4 + threads < max(held["view"])
     assert len(merges) > (threads == 1)  # threads that end together leave it to one
@@ -422,11 +422,13 @@ def test_what_is_merged_already_is_not_done_again_unless_it_is_damaged(
 
     with InProcess() as executor:
         with pytest.raises(KeyboardInterrupt):
-            detect_lane(job, executor, note=stop)
+            detect_lane(job, executor, RunOptions(note=stop))
         if damaged:
             so_far.write_bytes(so_far.read_bytes()[:-1] + b"?")
         detect_lane(
-            job, executor, note=lambda report: done.append((report["stage"], report["block"]))
+            job,
+            executor,
+            RunOptions(note=lambda report: done.append((report["stage"], report["block"]))),
         )
     assert content(tmp_path / "result") == lane.content
     assert [block for stage, block in done if stage == "signature"] == (

@@ -3,7 +3,7 @@
 import pytest
 
 from flgpr.store import RunWriter, read_manifest
-from flgpr.store.made_of import describe_inputs, difference_from_stored, read_limits
+from flgpr.store.journal import describe_inputs, difference_from_stored, read_limits
 from flgpr.store.run_writer import RunExistsError
 
 

@@ -41,13 +41,16 @@ def test_unknown_entries_are_left_out_and_long_text_is_cut():
     [
         ([], "format must be flgpr-notes version 1"),
         (content(version=2), "format must be flgpr-notes version 1"),
-        ({**content(), "notes": {}}, "notes must be a list"),
-        (content("a"), r"notes\[0\] must be an object"),
-        (content({**NOTE, "text": 1}), r"notes\[0\].text must be text"),
-        (content({**NOTE, "alarm_id": ""}), r"notes\[0\].alarm_id must be text"),
-        (content({**NOTE, "verdict": "bush"}), "or empty, got 'bush'"),
-        (content({**NOTE, "x": 1e10}), "must have x and y in metres"),
-        (content({**NOTE, "y": "1"}), "must have x and y in metres"),
+        ({**content(), "notes": {}}, "notes: Input should be a valid list"),
+        (content("a"), r"notes.0: input should be a valid dictionary"),
+        (content({**NOTE, "text": 1}), r"notes.0.text: input should be a valid string, got 1"),
+        (
+            content({**NOTE, "alarm_id": ""}),
+            r"notes.0.alarm_id: string should have at least 1 character",
+        ),
+        (content({**NOTE, "verdict": "bush"}), "notes.0.verdict: .*got 'bush'"),
+        (content({**NOTE, "x": 1e10}), "notes.0.x.*: input should be less than 1000000000"),
+        (content({**NOTE, "y": "1"}), "notes.0.y.*: input should be a valid"),
         (content(NOTE, NOTE), "notes must name every alarm once"),
     ],
 )

@@ -9,7 +9,7 @@ from flgpr import view
 from flgpr.commands.app import app
 from flgpr.store import sample_lane
 from flgpr.viewer import Viewer
-from flgpr.viewer.listening import listening_socket
+from flgpr.viewer.limits import listening_socket
 
 RUN = sample_lane() / "run.zarr"
 

@@ -379,43 +379,55 @@ def forged(folder, change):
 @pytest.mark.parametrize(
     ("change", "rule"),
     [
-        (lambda index: index.update(layers=5), "layers must be a list, got 5"),
-        (lambda index: index.update(layers=[3]), r"layers\[0\] must be an object, got 3"),
+        (lambda index: index.update(layers=5), "layers: input should be a valid list, got 5"),
+        (
+            lambda index: index.update(layers=[3]),
+            r"layers\.0: input should be a valid dictionary .*got 3",
+        ),
         (
             lambda index: index.update(tile_rows=16.5),
-            r"tile_rows must be a whole number .* got 16\.5",
+            r"tile_rows: input should be a valid integer, got 16\.5",
         ),
         (
             lambda index: index.update(tile_rows=0),
-            "tile_rows must be a whole number from 1 on, got 0",
+            "grid and tile_rows must be given for layers",
         ),
-        (lambda index: index.update(tile_rows=True), "tile_rows must be .* got True"),
-        (lambda index: index.update(detections=None), "detections must be a list, got null"),
-        (lambda index: index.update(grid=None), "grid must be an object, got null"),
-        (lambda index: index["grid"].update(nx="9"), r"grid\.nx must be a whole number .* got '9'"),
+        (
+            lambda index: index.update(tile_rows=True),
+            "tile_rows: input should be a valid integer, got True",
+        ),
+        (lambda index: index.update(detections=None), "detections: Input should be a valid list"),
+        (lambda index: index.update(grid=None), "grid and tile_rows must be given for layers"),
+        (
+            lambda index: index["grid"].update(nx="9"),
+            r"grid\.nx: input should be a valid integer, got '9'",
+        ),
         (
             lambda index: index["grid"].update(nx=10**40),
-            r"grid\.nx must be a whole number .* got 1000",
+            r"grid\.nx: input should be less than .* got 1000",
         ),
-        (lambda index: index.update(title=None), "title must be text, got null"),
-        (lambda index: index.update(lane={"x_min": 0}), r"lane\.x_max must be a number, got null"),
-        (lambda index: index["lane"].update(x_min=True), r"lane\.x_min must be a number, got True"),
-        (lambda index: index["layers"][0].pop("levels"), r"layers\[0\]\.levels must be a list"),
+        (lambda index: index.update(title=None), "title: Input should be a valid string"),
+        (lambda index: index.update(lane={"x_min": 0}), r"lane\.x_max: is missing"),
+        (
+            lambda index: index["lane"].update(x_min=True),
+            r"lane\.x_min: input should be a valid number, got True",
+        ),
+        (lambda index: index["layers"][0].pop("levels"), r"layers\.0\.levels: is missing"),
         (
             lambda index: index["layers"][0]["levels"][0].update(rows=-1),
-            "levels.rows must be a whole",
+            "levels.0.rows: input should be greater than",
         ),
         (
             lambda index: index["layers"][0]["levels"][0].update(file=7),
-            "levels.file must be text, got 7",
+            "levels.0.file: input should be a valid string, got 7",
         ),
         (
             lambda index: index["detections"][0]["evidence"].update(start=[0, 9, 3]),
-            r"evidence\.start must be a whole number from 9 on, got 3",
+            r"evidence\.start: must ascend",
         ),
         (
             lambda index: index.update(georeference=[1]),
-            "georeference must be an object, got a list",
+            "georeference: Input should be a valid dictionary",
         ),
     ],
 )

@@ -208,7 +208,7 @@ def _holds_demo(
     Another result is a FileExistsError.
     """
     import flgpr
-    from flgpr.results.errors import ResultError
+    from flgpr.results.manifest import ResultError
     from flgpr.results.result import read_result
     from flgpr.results.sections import SECTIONS
     from flgpr.store.outputs import OVERWRITE, output_exists_error

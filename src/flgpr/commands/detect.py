@@ -32,8 +32,7 @@ from flgpr.commands.runs import RunLocations, is_in_memory, run_options
 from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:
-    from flgpr.results.result import Result
-    from flgpr.results.survey import Survey
+    from flgpr.results.result import Result, Survey
 
 TRAINED_ON_THIS_RUN = (
     "the model was trained on this very run: what it finds here says nothing of other ground"
@@ -237,7 +236,7 @@ def detect(
     from flgpr.jobs.job import LaneJob, make_job
     from flgpr.jobs.survey import detect_survey, lane_names
     from flgpr.recipe.make import recipe_or_fitted
-    from flgpr.results.survey import Survey
+    from flgpr.results.result import Survey
 
     run_list = one_or_more(runs)
     is_one = isinstance(runs, str) or not isinstance(runs, Sequence)
@@ -270,7 +269,7 @@ def detect(
             text = recipe_or_fitted(recipe, place.run, model, options.max_memory)
             job = job_of(0, place.run, text, place.output, place.other_runs)
             with options.executor() as executor:
-                detect_lane(job, executor, options.track, options.note, section, overwrite)
+                detect_lane(job, executor, options, section, overwrite)
             return place.result()
 
     if output is None:

@@ -26,7 +26,7 @@ from flgpr.commands.options import (
 from flgpr.commands.shell import Arguments, ErrorStreamText, command
 
 if TYPE_CHECKING:
-    from flgpr.live.outcome import LiveReport
+    from flgpr.live.options import LiveReport
     from flgpr.live.session import LiveRun
 
 Lane = Annotated[PathLike | None, lane_option()]

@@ -38,7 +38,7 @@ from flgpr.json_text import parse_json
 from flgpr.model import SPEED_OF_LIGHT, complete_scans
 from flgpr.model.faults import first_fault
 from flgpr.store import MAX_MEMORY, open_run
-from flgpr.store.made_of import read_limits
+from flgpr.store.journal import read_limits
 from flgpr.toml_text import toml_value
 from flgpr.types import FloatArray
 

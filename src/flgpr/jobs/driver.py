@@ -22,18 +22,16 @@ import pandas as pd
 
 from flgpr.door import refuse_links
 from flgpr.engine import group_of, not_shared
-from flgpr.jobs.checkpoint import Checkpoint, begin_work, work_until_done
+from flgpr.jobs.checkpoint import Checkpoint, PassCache, begin_work, work_until_done
 from flgpr.jobs.finished import is_done, keeps_result, whole_results
 from flgpr.jobs.job import LaneJob
-from flgpr.jobs.pass_cache import PassCache
 from flgpr.jobs.pieces import do_block, do_finish, do_merge, open_lane
-from flgpr.jobs.workers import Executor, OnReport, Report, ignore_report
+from flgpr.jobs.workers import DEFAULTS, Executor, Report, RunOptions
 from flgpr.method.imaged_run import ImagedRun, array_table
 from flgpr.method.memory import sizes_of
 from flgpr.method.method import engine_of
 from flgpr.method.sections import Section, lane_threshold, plan_sections, threads_within
 from flgpr.model import Lane
-from flgpr.progress import Track, silent
 from flgpr.recipe.schema import as_imaged, parse_recipe
 from flgpr.results.sections import join_results, section_names
 from flgpr.store import open_run
@@ -54,8 +52,7 @@ class LanePlan:
 def detect_lane(
     job: LaneJob,
     executor: Executor,
-    track: Track = silent,
-    note: OnReport = ignore_report,
+    options: RunOptions = DEFAULTS,
     longest: float | None = None,
     overwrite: bool = True,
     label: str = "",
@@ -72,10 +69,8 @@ def detect_lane(
         What to do.
     executor : Executor
         Does the work.
-    track : Track
-        Shows progress.
-    note : callable
-        Takes a report of every piece of work that was done.
+    options : RunOptions
+        Shows progress, and takes a report of every piece of work that was done.
     longest : float, optional
         Length of a section at most, m; infinity asks for the lane in one piece.
     overwrite : bool
@@ -101,7 +96,7 @@ def detect_lane(
         log_finished(job.folder, OVERWRITE)
         return plan.folders
     job.folder.parent.mkdir(parents=True, exist_ok=True)
-    runner = PassRunner(executor, track, note, plan.threads, label)
+    runner = PassRunner(executor, options, plan.threads, label)
     if len(plan.sections) > 1:
         run_sections(job, plan, runner)
     else:
@@ -161,8 +156,7 @@ def check_job(job: LaneJob, longest: float | None = None, overwrite: bool = True
 def passes_of_lane(
     job: LaneJob,
     executor: Executor,
-    track: Track = silent,
-    note: OnReport = ignore_report,
+    options: RunOptions = DEFAULTS,
     label: str = "",
 ) -> Iterator[ImagedRun]:
     """Do the passes of a stored training lane and yield the lane with their results.
@@ -173,7 +167,7 @@ def passes_of_lane(
     job = replace(job, explains=False)
     plan = plan_detection(job, math.inf)
     with begin_work(job) as work:
-        runner = PassRunner(executor, track, note, plan.threads, label)
+        runner = PassRunner(executor, options, plan.threads, label)
         runner.run(job, work, passes_to_run(job, plan.lane))
         yield plan.lane
 
@@ -206,31 +200,14 @@ def passes_to_run(job: LaneJob, lane: ImagedRun) -> list[PassToRun]:
     return passes
 
 
+@dataclass(frozen=True)
 class PassRunner:
-    """Hands out the blocks of passes and waits for them.
+    """Hands out the blocks of passes and waits for them."""
 
-    Parameters
-    ----------
-    executor : Executor
-        Does the work.
-    track : Track
-        Shows progress.
-    note : callable
-        Takes a report of every piece of work that was done.
-    threads : int
-        How many threads of a process may take blocks at once.
-    label : str
-        What stands before all that progress is shown of, such as the name of a lane.
-    """
-
-    def __init__(
-        self, executor: Executor, track: Track, note: OnReport, threads: int, label: str = ""
-    ) -> None:
-        self.executor = executor
-        self.track = track
-        self.note = note
-        self.threads = threads
-        self.label = label
+    executor: Executor  #: does the work
+    options: RunOptions  #: shows progress, and takes a report of every piece of work that was done
+    threads: int  #: of a process that may take blocks at once
+    label: str = ""  #: stands before all that progress is shown of, such as the name of a lane
 
     def run(
         self, job: LaneJob, work: Checkpoint, passes: Sequence[PassToRun], label: str = ""
@@ -256,8 +233,8 @@ class PassRunner:
     def finish(self, job: LaneJob, label: str = "") -> None:
         """Write the result folder of a job whose passes are done."""
         done = self.executor.run(do_finish, [(job,)])
-        for report in self.track(done, f"{self.label}{label}writing the result", 1):
-            self.note(report)
+        for report in self.options.track(done, f"{self.label}{label}writing the result", 1):
+            self.options.note(report)
 
     def _run_pass(
         self, job: LaneJob, work: Checkpoint, cache: PassCache, planned: PassToRun, label: str
@@ -267,11 +244,11 @@ class PassRunner:
         if shared_name is not None:
             cost = cache.take(shared_name, work, planned.name)
             if cost is not None:
-                self.note(cost)
+                self.options.note(cost)
                 return
         reports = self._gather(job, work, planned, label)
         for report in self.executor.run(do_merge, [(job, planned.name, tuple(planned.numbers))]):
-            self.note(report)
+            self.options.note(report)
             reports.append(report)
         if shared_name is not None:
             cache.leave(shared_name, work, planned.name, reports)
@@ -287,8 +264,8 @@ class PassRunner:
             return reports
         title = f"{self.label}{label}{planned.title}"
         with closing(self.executor.run(do_block, pieces, self.threads)) as done:
-            for report in self.track(done, title, len(pieces)):
-                self.note(report)
+            for report in self.options.track(done, title, len(pieces)):
+                self.options.note(report)
                 reports.append(report)
         return reports
 

@@ -13,8 +13,7 @@ from flgpr.jobs.job import LaneJob
 from flgpr.method.model import MODEL_FILE
 from flgpr.method.sections import Section
 from flgpr.model import Lane
-from flgpr.results.errors import ResultError
-from flgpr.results.manifest import MANIFEST
+from flgpr.results.manifest import MANIFEST, ResultError
 from flgpr.results.result import MODEL, check_free, read_result
 from flgpr.results.sections import SECTIONS, sections_at
 from flgpr.store.files import replaced_by
@@ -62,17 +61,12 @@ def keeps_result(job: LaneJob, sections: Sequence[Section], overwrite: bool = Fa
         raise output_exists_error(job.folder, f"{OVERWRITE}, or choose another output")
     if _lacks_report(job, manifests):
         return False
-    _delete_leftovers(job)
-    return True
-
-
-def _delete_leftovers(job: LaneJob) -> None:
-    """Delete what a kill left beside a result that is whole."""
     for path in (done_folder(job.work), replaced_by(job.folder)):
         shutil.rmtree(path, ignore_errors=True)
     if job.work.is_dir():
         with work_until_done(job):
             pass  # all of it is done
+    return True
 
 
 def whole_results(job: LaneJob) -> list[Path]:

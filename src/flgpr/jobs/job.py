@@ -35,8 +35,8 @@ from flgpr.store import (
     sha256,
 )
 from flgpr.store.tables import lane_file_of
+from flgpr.types import PathLike
 
-PathLike = str | Path
 WORK_SUFFIX = ".work"
 """Ending of the work folder beside an output."""
 _LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pandas")
@@ -64,7 +64,7 @@ class LaneJob:
     truth: tuple[str, str] = ("", "")  #: file and digest of a training lane's targets
     explains: bool = True  #: whether what explains alarms is gathered
     lane_source: str = ""  #: where the lane's borders come from; "" is the recipe or the run
-    #: folder of passes that jobs of other recipes share (``jobs/pass_cache.py``); "" for none
+    #: folder of passes that jobs of other recipes share (``jobs/checkpoint.py``); "" for none
     pass_cache: str = ""
     #: what is done on ground that is unlike the training: "fallback", "keep" or "refuse"
     unlike: str = "fallback"
@@ -281,12 +281,12 @@ def make_job(
     )
 
 
-def absolute(path: str | Path) -> str:
+def absolute(path: PathLike) -> str:
     """Return a path that means the same in every process."""
     return str(Path(path).resolve())
 
 
-def model_digest(model: str | Path) -> str:
+def model_digest(model: PathLike) -> str:
     """Return the SHA-256 of a model's file; a ValueError if the model is not valid."""
     data = read_model(model)
     parse_model(data, model)

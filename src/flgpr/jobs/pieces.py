@@ -30,8 +30,7 @@ from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.instead import describe_trust
 from flgpr.method.method import detections_of, engine_of
 from flgpr.method.model import of_another_array, parse_model, read_model, trained_on
-from flgpr.method.searched import searched_ground
-from flgpr.method.sections import section_lane, section_note
+from flgpr.method.sections import describe_searched, section_lane, section_note
 from flgpr.model import Lane
 from flgpr.recipe.schema import parse_recipe
 from flgpr.report import report_html
@@ -148,8 +147,9 @@ def do_finish(job: LaneJob) -> Report:
 def _describe_runs(job: LaneJob, lane: ImagedRun, detections: list[Detection]) -> dict[str, Any]:
     """Return what a manifest says of the run, and of those taken together with it."""
     described = describe_run(lane.run, job.run, lane.recipe.motion)
-    searched = searched_ground(lane.run, lane.recipe, Lane(*job.lane), job.lane_source)
-    described["searched"] = searched.as_json()
+    described["searched"] = describe_searched(
+        lane.run, lane.recipe, Lane(*job.lane), job.lane_source
+    )
     if job.health.findings:
         described["health"] = [finding.as_json() for finding in job.health.findings]
     if job.left_out:

@@ -24,17 +24,18 @@ from flgpr.store import (
 from flgpr.store.outputs import atomic_output, log_finished
 from flgpr.store.run_writer import RunExistsError
 from flgpr.store.tables import lane_file_of
+from flgpr.types import PathLike
 
 
 def simulate_to_store(
     scene: Scene,
     sensor: Sensor,
     seed: int,
-    output: str | Path,
+    output: PathLike,
     errors: bool = True,
     track: Track = silent,
     resume: bool = True,
-    truth: str | Path | None = None,
+    truth: PathLike | None = None,
     blind: bool = False,
     force: bool = False,
 ) -> list[Path]:
@@ -89,7 +90,25 @@ def simulate_to_store(
     store = Path(output)
     simulator = Simulator(scene, sensor, seed, errors)
     try:
-        begun = _begin_store(store, simulator, scene, sensor, errors, resume)
+        tx, rx = sensor.pairs()
+        attrs = simulator.attributes() | {
+            "source": "simulated by flgpr",
+            "title": scene.name,
+            "scene_sha256": _digest(scene),
+        }
+        inputs = {"flgpr": __version__, "sensor_sha256": _digest(sensor), "errors": errors}
+        polarization = list(sensor.polarization)
+        begun = RunWriter(
+            store,
+            simulator.frequency,
+            polarization,
+            tx,
+            rx,
+            attrs,
+            resume=resume,
+            inputs=inputs,
+            limits=simulator.limits(),
+        )
     except RunExistsError as error:
         if not error.same:
             raise
@@ -113,32 +132,7 @@ def simulate_to_store(
     return written
 
 
-def _begin_store(
-    store: Path, simulator: Simulator, scene: Scene, sensor: Sensor, errors: bool, resume: bool
-) -> RunWriter:
-    """Begin the run store of a lane, or continue it."""
-    tx, rx = sensor.pairs()
-    attrs = simulator.attributes() | {
-        "source": "simulated by flgpr",
-        "title": scene.name,
-        "scene_sha256": _digest(scene),
-    }
-    inputs = {"flgpr": __version__, "sensor_sha256": _digest(sensor), "errors": errors}
-    polarization = list(sensor.polarization)
-    return RunWriter(
-        store,
-        simulator.frequency,
-        polarization,
-        tx,
-        rx,
-        attrs,
-        resume=resume,
-        inputs=inputs,
-        limits=simulator.limits(),
-    )
-
-
-def _write_truth(store: Path, simulator: Simulator, truth: str | Path | None) -> list[Path]:
+def _write_truth(store: Path, simulator: Simulator, truth: PathLike | None) -> list[Path]:
     """Write the tables of truth and objects, the former to the file that the user named, if any."""
     written = []
     tables = {"truth": simulator.truth, "objects": simulator.objects}

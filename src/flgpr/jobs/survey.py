@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -11,13 +11,12 @@ from flgpr.door import read_named
 from flgpr.jobs.driver import check_job, detect_lane
 from flgpr.jobs.finished import is_done
 from flgpr.jobs.job import LaneJob
-from flgpr.jobs.workers import DEFAULTS, Executor, RunOptions
+from flgpr.jobs.workers import DEFAULTS, RunOptions
 from flgpr.results.result import read_result
 from flgpr.results.sections import results_at
 from flgpr.store import write_whole
 from flgpr.store.outputs import OVERWRITE, log_finished
-
-PathLike = str | Path
+from flgpr.types import PathLike
 
 
 def detect_survey(
@@ -79,7 +78,7 @@ def detect_survey(
 
     def detect(job: LaneJob) -> None:
         label = f"{job.name}: "
-        detect_lane(job, executor, options.track, options.note, section, overwrite, label)
+        detect_lane(job, executor, options, section, overwrite, label)
 
     with executor:
         if at_once == 1:
@@ -87,26 +86,17 @@ def detect_survey(
             for job in unfinished:
                 detect(job)
         else:
-            _detect_at_once(detect, unfinished, at_once, executor)
+            # The first error, or an interrupt, ends all.
+            with ThreadPoolExecutor(at_once) as pool:
+                try:
+                    for future in [pool.submit(detect, job) for job in unfinished]:
+                        future.result()
+                except BaseException:
+                    executor.stop()
+                    pool.shutdown(wait=False, cancel_futures=True)
+                    raise
     _write_summary(survey, checked)
     return [job.folder for job in checked]
-
-
-def _detect_at_once(
-    detect: Callable[[LaneJob], None],
-    jobs: Sequence[LaneJob],
-    at_once: int,
-    executor: Executor,
-) -> None:
-    """Detect on several lanes at once; the first error, or an interrupt, ends all."""
-    with ThreadPoolExecutor(at_once) as pool:
-        try:
-            for future in [pool.submit(detect, job) for job in jobs]:
-                future.result()
-        except BaseException:
-            executor.stop()
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
 
 
 def lane_names(runs: Sequence[PathLike]) -> list[str]:

@@ -24,11 +24,10 @@ from flgpr.jobs.pieces import report
 from flgpr.jobs.workers import Executor, RunOptions
 from flgpr.live import forecast
 from flgpr.live.detector import LiveDetector, LiveSettings
-from flgpr.method.alarm_steps import LaneOfAlarms, count_alarm_steps
-from flgpr.method.classifier import CLASSIFIER_B, make_training_set, train
+from flgpr.method.alarm_steps import count_alarm_steps
+from flgpr.method.classifier import CLASSIFIER_B, LaneOfAlarms, make_training_set, train
 from flgpr.method.detection import rank_alarms
 from flgpr.method.estimators import train_estimator
-from flgpr.method.false_alarms import free_ground
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.model import (
     MODEL_FILE,
@@ -39,6 +38,7 @@ from flgpr.method.model import (
     load_model,
     save_model,
 )
+from flgpr.method.stands_out import free_ground
 from flgpr.method.unlike import (
     LEAST_LANES,
     MEASURED,
@@ -68,9 +68,8 @@ from flgpr.store import (
 )
 from flgpr.store.files import replaced_by
 from flgpr.store.outputs import OVERWRITE, atomic_output, log_finished, output_exists_error
-from flgpr.types import Arrays, FloatArray
+from flgpr.types import Arrays, FloatArray, PathLike
 
-PathLike = str | Path
 FOLDS = 10
 """Most detectors that are trained on some of the lanes, for thresholds on the others."""
 
@@ -128,12 +127,16 @@ def train_on_lanes(
     lanes = [TrainingLane(job, read_table(job.truth[0], "truth")) for job in jobs]
     refuse_links(_work_folder(output, "training"), _work_folder(output, "images"))
     check_free_model(output).parent.mkdir(parents=True, exist_ok=True)
+    inputs = []
+    for job in jobs:
+        others = {name: digest for name, _, digest in job.others}
+        inputs.append({"truth": job.truth[1], "lane": asdict(Lane(*job.lane)), "others": others})
     notes = {
         "recipe": recipe.name,
         "recipe_sha256": sha256(text.encode()),
         "runs": [job.store_sha256 for job in jobs],
         "array": array_of(open_run(jobs[0].run)),
-        "made_of": _inputs_digest(jobs, features, label_radius),
+        "made_of": sha256(canonical_json([inputs, list(features), label_radius, code_versions()])),
     }
     if not overwrite and _holds_model(output, notes):
         _clear_work_folders(output, options)
@@ -150,15 +153,6 @@ def train_on_lanes(
         save_model(training.model, partial, notes)
     _clear_work_folders(output, options)
     return training.model
-
-
-def _inputs_digest(jobs: Sequence[LaneJob], features: Sequence[str], label_radius: float) -> str:
-    """Return a digest of what a model depends on beside the recipe and the runs."""
-    inputs = []
-    for job in jobs:
-        others = {name: digest for name, _, digest in job.others}
-        inputs.append({"truth": job.truth[1], "lane": asdict(Lane(*job.lane)), "others": others})
-    return sha256(canonical_json([inputs, list(features), label_radius, code_versions()]))
 
 
 def _holds_model(folder: Path, notes: Mapping[str, Any]) -> bool:
@@ -445,7 +439,7 @@ class _Training:
                 only_measures=only_measures,
             )
             label = f"{lane.name}: "
-            with passes_of_lane(job, self._executor, options.track, options.note, label) as setup:
+            with passes_of_lane(job, self._executor, options, label) as setup:
                 yield setup, lane
 
 

@@ -17,7 +17,6 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from multiprocessing.connection import wait
-from pathlib import Path
 from typing import Any
 
 import numba
@@ -28,8 +27,8 @@ from flgpr.engine import run_pieces
 from flgpr.progress import Track, silent
 from flgpr.store import MAX_MEMORY
 from flgpr.store.extras import optional
+from flgpr.types import PathLike
 
-PathLike = str | Path
 Report = dict[str, Any]
 OnReport = Callable[[Report], None]
 """Takes a report of every piece of work that was done."""

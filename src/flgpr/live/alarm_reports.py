@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from flgpr.geo import Anchor
 from flgpr.live.detector import LiveDetector
 from flgpr.live.event_types import AlarmEvent, Event
@@ -15,6 +12,7 @@ from flgpr.live.events import add_places_on_earth, alarm_event, as_line
 from flgpr.live.forecast import Forecast, forecast_event
 from flgpr.live.updates import LiveAlarm, LiveUpdate
 from flgpr.model.vehicle import Vehicle
+from flgpr.types import FloatArray
 
 
 class AlarmReporter:
@@ -55,7 +53,7 @@ class AlarmReporter:
         self,
         update: LiveUpdate,
         scan: int,
-        pose: NDArray[np.float64],
+        pose: FloatArray,
         latency: float,
         detector: LiveDetector,
     ) -> list[AlarmEvent]:
@@ -80,14 +78,25 @@ class AlarmReporter:
             The events. Some are of alarms that did not change: their last event advised to wait
             for a look that did not come, and waiting is no longer worth it.
         """
-        events = []
-        for alarm in update.alarms:
-            events.append(self._event(alarm, scan, pose, latency, detector))
+
+        def event_of(alarm: LiveAlarm) -> AlarmEvent:
+            event = alarm_event(alarm, scan, pose, self._vehicle, latency)
+            if detector.ground is not None and detector.ground.unlike:
+                event["unlike"] = True
+            if self.forecast is None:
+                return event
+            threshold = self._vehicle.threshold or 0.0
+            entries = forecast_event(
+                self.forecast, detector, alarm, event.get("margin_m"), threshold, self._worth
+            )
+            return {**event, **entries}
+
+        events = [event_of(alarm) for alarm in update.alarms]
         changed = {alarm.alarm_id for alarm in update.alarms}
         unchanged = detector.alarms.open.keys() - changed
         for alarm_id in self._waiting & unchanged:
             alarm = replace(detector.alarms.open[alarm_id], state="update")
-            event = self._event(alarm, scan, pose, latency, detector)
+            event = event_of(alarm)
             if event.get("wait") is False:
                 events.append(event)
         if self.anchor is not None:
@@ -99,23 +108,3 @@ class AlarmReporter:
                 self._waiting.discard(event["alarm_id"])
             self._send_line(as_line(event))
         return events
-
-    def _event(
-        self,
-        alarm: LiveAlarm,
-        scan: int,
-        pose: NDArray[np.float64],
-        latency: float,
-        detector: LiveDetector,
-    ) -> AlarmEvent:
-        """Return an alarm's event, with a forecast where the model has one."""
-        event = alarm_event(alarm, scan, pose, self._vehicle, latency)
-        if detector.ground is not None and detector.ground.unlike:
-            event["unlike"] = True
-        if self.forecast is None:
-            return event
-        threshold = self._vehicle.threshold or 0.0
-        entries = forecast_event(
-            self.forecast, detector, alarm, event.get("margin_m"), threshold, self._worth
-        )
-        return {**event, **entries}

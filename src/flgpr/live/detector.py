@@ -19,21 +19,18 @@ import numba
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
-from flgpr.clutter import Background, CausalBackground
+from flgpr.clutter import CausalBackground
 from flgpr.clutter.causal import LEAST_SPAN, LEAST_WARM_UP
 from flgpr.imaging import ImagingOperator
-from flgpr.live.alarm_book import AlarmBook
+from flgpr.live.alarm_book import AlarmBook, SeenDensity
 from flgpr.live.causal_steps import WITHOUT_END, build_stages, causal_steps, check_causal
-from flgpr.live.density import SeenDensity
 from flgpr.live.event_types import ViewGrid
 from flgpr.live.ground import RunningGround
 from flgpr.live.updates import LiveAlarm, LiveUpdate, last_states
 from flgpr.method.alarm_sums import AlarmSums
 from flgpr.method.model import Detector, Model, as_model, unlearnt
 from flgpr.method.steps import CleanedImages
-from flgpr.method.unlike import Comparison
 from flgpr.model import Grid, Lane, lane_to_scan, vehicle_to_scan
 from flgpr.model.plausible import PoseGate, Sighting, Verdict
 from flgpr.recipe.fit import alias_faults, check_channels
@@ -45,9 +42,8 @@ from flgpr.screen import (
 )
 from flgpr.stages import MapStage, Stage
 from flgpr.store import RunDescription, Scan
-from flgpr.types import Arrays
+from flgpr.types import Arrays, ComplexArray, FloatArray
 
-FloatArray = NDArray[np.float64]
 # m; ground farther back than this before a scan is closed without another look
 _FARTHEST_GAP = 50.0
 _MOST_SCANS = 64
@@ -277,8 +273,10 @@ class LiveDetector:
         pose = np.asarray(scan.pose, np.float64)
         if self._reach(pose)[1] < self.closed:
             return LiveUpdate("late", [])
-        if self._has_not_moved(pose):
-            return LiveUpdate("still", [])
+        if self.newest is not None:
+            moved = np.hypot(*(pose[:2] - self.newest[1][:2]))
+            if moved < self.settings.least_step:
+                return LiveUpdate("still", [])
         image = self._image(scan)
         gain, background = self.background.add(image)  # refuses an image that cannot be used
         if self.first_pose is None:
@@ -298,31 +296,6 @@ class LiveDetector:
             background,
             needs_own_phase=self.mapper is not None,
         )
-        earlier_sums = self._extend_history(cleaned)
-        left_behind = self._jump(newest_pose)
-        row, view = self._add_look(cleaned, newest_pose)
-        changed = left_behind + self._raise(view, newest_pose, earlier_sums)
-        update = LiveUpdate("taken", changed, row, np.asarray(view.values, np.float32))
-        return replace(update, ground=self._compare_ground(cleaned, background))
-
-    def _compare_ground(self, scan: CleanedImages, background: Background) -> Comparison | None:
-        """Return how the ground compares with that of training, where the verdict changes."""
-        if self.ground is None or scan.own is None:
-            return None
-        return self.ground.add(self.steps.labelled(scan), scan.pose, background)
-
-    def _has_not_moved(self, pose: FloatArray) -> bool:
-        """Return whether a pose is nearer to the newest one than the least step."""
-        if self.newest is None:
-            return False
-        moved = np.hypot(*(pose[:2] - self.newest[1][:2]))
-        return bool(moved < self.settings.least_step)
-
-    def _extend_history(self, cleaned: CleanedImages) -> AlarmSums | None:
-        """Add a cleaned scan to the history.
-
-        Return the sums of the scans before if they can be continued.
-        """
         history = sorted([*self.history, cleaned], key=lambda scan: scan.number)[-_MOST_SCANS:]
         earlier_sums = self._sums
         # No sums until this scan has entered them, which may fail.
@@ -333,7 +306,19 @@ class LiveDetector:
             # subtracted.
             earlier_sums = None
         self.history = history
-        return earlier_sums
+        # After a gap between scans the ground far back is closed: the window of the run-view would
+        # grow without bounds.
+        left_behind: list[LiveAlarm] = []
+        limit = self._reach(newest_pose)[0] - _FARTHEST_GAP
+        if math.isfinite(self.closed) and limit > self.closed:
+            left_behind = self._close_ground(limit)
+        row, view = self._add_look(cleaned, newest_pose)
+        changed = left_behind + self._raise(view, newest_pose, earlier_sums)
+        ground = None
+        if self.ground is not None and cleaned.own is not None:
+            ground = self.ground.add(self.steps.labelled(cleaned), pose, background)
+        values = np.asarray(view.values, np.float32)
+        return LiveUpdate("taken", changed, row, values, ground=ground)
 
     def learn(self) -> None:
         """Do the work that the next scan needs and no alarm of this scan waits for.
@@ -429,28 +414,27 @@ class LiveDetector:
             raise ValueError("lane needs a pose, got none")
         return course_lane(self.recipe, self.first_pose[None], WITHOUT_END)
 
-    def _image(self, scan: Scan) -> NDArray[np.complex64]:
+    def _image(self, scan: Scan) -> ComplexArray:
         """Image a scan; the operator is used again while height and attitude stay the same."""
         pose = np.asarray(scan.pose, np.float64)
         key = tuple(pose[[2, 4, 5]])
         if self._operator is None or self._operator[0] != key:
-            self._operator = key, self._imaging_operator(pose)
+            radar = self.description
+            table = self.recipe.image
+            self._operator = (
+                key,
+                ImagingOperator(
+                    radar.frequency,
+                    vehicle_to_scan(radar.tx_position, pose),
+                    vehicle_to_scan(radar.rx_position, pose),
+                    self._pixels,
+                    [table.subbands[name] for name in self.steps.subbands],
+                    table.tolerance,
+                    window=self._taper,
+                    device=table.device,
+                ),
+            )
         return np.asarray(self._operator[1].adjoint(scan.signal[self._imaged]), np.complex64)
-
-    def _imaging_operator(self, pose: FloatArray) -> ImagingOperator:
-        """Build the operator of the imaged sub-bands for the antennas at a pose."""
-        radar = self.description
-        table = self.recipe.image
-        return ImagingOperator(
-            radar.frequency,
-            vehicle_to_scan(radar.tx_position, pose),
-            vehicle_to_scan(radar.rx_position, pose),
-            self._pixels,
-            [table.subbands[name] for name in self.steps.subbands],
-            table.tolerance,
-            window=self._taper,
-            device=table.device,
-        )
 
     def _reach(self, pose: FloatArray) -> tuple[float, float]:
         """Return the first and the last lane y that a scan can see."""
@@ -559,16 +543,6 @@ class LiveDetector:
         confidence = self.steps.confidence(features, alarms["magnitude"])
         self._sums = sums
         return {"confidence": confidence, "scans": features["scans"]}
-
-    def _jump(self, pose: FloatArray) -> list[LiveAlarm]:
-        """Close the ground that lies far back after a gap between scans.
-
-        Otherwise the window of the run-view would grow without bounds.
-        """
-        limit = self._reach(pose)[0] - _FARTHEST_GAP
-        if not math.isfinite(self.closed) or limit <= self.closed:
-            return []
-        return self._close_ground(limit)
 
     def _close_ground(self, limit: float) -> list[LiveAlarm]:
         """Make the ground up to lane y ``limit`` final, and drop scans that see none beyond it."""

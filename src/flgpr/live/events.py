@@ -1,6 +1,10 @@
 """The file of live events: one JSON object per line, only ever appended to.
 
 It is all that the viewer knows of a live run.
+
+Limits how many events of faults are written.
+
+Of a flood, one event now and then gives the count.
 """
 
 from __future__ import annotations
@@ -10,18 +14,18 @@ import contextlib
 import json
 import mmap
 import os
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict
+import re
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.append_log import write_all
 from flgpr.door import open_own
 from flgpr.health.findings import STOPPING, Finding
-from flgpr.live.event_rate import BURST, EventRate
 from flgpr.live.event_types import (
     AlarmEvent,
     AnewEvent,
@@ -42,11 +46,109 @@ from flgpr.method.unlike import Comparison
 from flgpr.model.plausible import MotionStep
 from flgpr.model.printable import text_bytes
 from flgpr.model.vehicle import Vehicle
+from flgpr.types import Float32Array, FloatArray
 
 if TYPE_CHECKING:
     from flgpr.geo import Anchor
     from flgpr.live.detector import LiveDetector
     from flgpr.store import Scan
+
+BURST = 10  # events of a kind that are written one by one
+# s between the summaries of a flood; the page reports a missing radar after 0.75 s
+_PERIOD = {"problem": 1.0, "counts": 0.25}
+_MOST_KINDS = 32
+
+
+@dataclass
+class _Flood:
+    """Events of a kind that came without a pause."""
+
+    last: float  # when the last event came, s
+    written: float  # when an event was last written, s
+    singly: int = 0  # events written one by one
+    left_out: int = 0  # events not written since
+    event: Event | None = None  # the last of these
+
+
+class EventRate:
+    """Lets events through, but of a flood of faults only some.
+
+    ``problem`` by what it says, and ``counts``. The first ``burst`` of a kind are let through.
+    After that, one ``problem`` a second gives in ``more`` how many came since, with the words of
+    the last, and of ``counts`` the newest is let through four times a second, until none came for
+    so long.
+    """
+
+    def __init__(self, burst: int = BURST, clock: Callable[[], float] = time.monotonic) -> None:
+        self._burst = burst
+        self._clock = clock
+        self._floods: dict[tuple[str, str], _Flood] = {}
+
+    def admit(self, events: Iterable[Event]) -> list[Event]:
+        """Return the events that are written, in order, with the summaries that are due."""
+        written = self.due()
+        for event in events:
+            if event["event"] == "end":
+                written += self.rest()
+            if event["event"] not in _PERIOD or self._is_single(event):
+                written.append(event)
+        return written
+
+    def due(self) -> list[Event]:
+        """Return the summaries of floods whose time has come."""
+        now = self._clock()
+        summaries = []
+        for (kind, _), flood in self._floods.items():
+            if now - flood.written >= _PERIOD[kind]:
+                summaries.append(_summary(flood, now))
+        return [event for event in summaries if event is not None]
+
+    def rest(self) -> list[Event]:
+        """Return the summaries of all that was left out so far."""
+        now = self._clock()
+        summaries = [_summary(flood, now) for flood in self._floods.values()]
+        return [event for event in summaries if event is not None]
+
+    def _is_single(self, event: Event) -> bool:
+        """Count the event of a fault; return whether it is written by itself."""
+        now = self._clock()
+        kind = event["event"]
+        # The first three words of a problem without numbers identify its kind.
+        problem = re.sub(r"\d[\d,.]*", "0", str(event.get("words", ""))[:200])
+        gist = " ".join(problem.split()[:3])
+        if (kind, gist) not in self._floods and len(self._floods) >= _MOST_KINDS:
+            gist = ""  # one collects all others
+        flood = self._floods.setdefault((kind, gist), _Flood(now, now))
+        if now - flood.last > _PERIOD[kind] and not flood.left_out:
+            flood.singly = 0
+        flood.last = now
+        if flood.singly < self._burst:
+            flood.singly += 1
+            flood.written = now
+            return True
+        flood.left_out += 1
+        flood.event = event
+        return False
+
+
+def _summary(flood: _Flood, now: float) -> Event | None:
+    """Return the event for what was left out, and begin to count anew.
+
+    None where nothing was left out.
+    """
+    event = flood.event
+    if event is None:
+        return None
+    left_out = flood.left_out
+    flood.written = now
+    flood.left_out = 0
+    flood.event = None
+    if event["event"] == "counts":
+        return event
+    noun = "problem" if left_out == 1 else "problems"
+    summary = f"{left_out:,} more {noun} like this: {event['words']}"
+    return {**event, "more": left_out, "words": summary}
+
 
 AnyAlarm = TypeVar("AnyAlarm", AlarmEvent, dict[str, Any])
 """Event of an alarm, or an alarm of a result."""
@@ -60,7 +162,7 @@ class EventFile:
 
     A line that an earlier run left unfinished is cut off first. Of a flood of faults only some
     events are written: ``burst`` of a kind, and after them what
-    :class:`flgpr.live.event_rate.EventRate` makes of the others.
+    :class:`flgpr.live.events.EventRate` makes of the others.
     """
 
     def __init__(self, path: Path, fresh: bool, burst: int = BURST) -> None:
@@ -101,7 +203,7 @@ def as_line(event: Event) -> str:
 
 
 def alarm_event(
-    alarm: LiveAlarm, scan: int, pose: NDArray[np.float64], vehicle: Vehicle, latency: float
+    alarm: LiveAlarm, scan: int, pose: FloatArray, vehicle: Vehicle, latency: float
 ) -> AlarmEvent:
     """Return the event of an alarm that a scan raised or changed.
 
@@ -198,12 +300,12 @@ def start_event(
         "event": "start",
         "title": title,
         "recipe": detector.recipe.name,
-        "lane": None if lane is None else cast(LaneBorders, asdict(lane)),
+        "lane": None if lane is None else cast("LaneBorders", asdict(lane)),
         "grid": detector.view_grid(),
         "channel": [screen.polarization, screen.subband],
         "georeference": georeference,
         "threshold": vehicle.threshold,
-        "vehicle": cast(VehicleEntries, stated_vehicle),
+        "vehicle": cast("VehicleEntries", stated_vehicle),
     }
 
 
@@ -334,11 +436,11 @@ def health_events(name: str, findings: Iterable[Finding], scan: int) -> list[Hea
             "stop": stop,
             **entries,
         }
-        events.append(cast(HealthEvent, event))
+        events.append(cast("HealthEvent", event))
     return events
 
 
-def anew_event(scan: int, update: LiveUpdate, pose: NDArray[np.float64]) -> AnewEvent:
+def anew_event(scan: int, update: LiveUpdate, pose: FloatArray) -> AnewEvent:
     """Return the event that detection started anew with a scan and those held back before it.
 
     Parameters
@@ -365,7 +467,7 @@ def anew_event(scan: int, update: LiveUpdate, pose: NDArray[np.float64]) -> Anew
     }
 
 
-def view_event(row: int, view: NDArray[np.float32]) -> ViewEvent:
+def view_event(row: int, view: Float32Array) -> ViewEvent:
     """Return the event of rows of the run-view.
 
     ``halves`` holds dB over the background as little-endian half floats in base64. Rows before the

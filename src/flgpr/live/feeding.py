@@ -14,11 +14,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import xarray as xr
 
 from flgpr.door import Folder
-from flgpr.live.secret import answer_challenge, live_secret
-from flgpr.live.sockets import connected_tcp, connected_unix, parse_tcp
+from flgpr.live.sockets import (
+    answer_challenge,
+    connected_tcp,
+    connected_unix,
+    live_secret,
+    parse_tcp,
+)
 from flgpr.store import (
     RunDescription,
     describe_for_live,
@@ -29,8 +33,8 @@ from flgpr.store import (
     write_whole,
 )
 from flgpr.store.scan_file import END_FILE, RUN_FILE, scan_name, stored_scan
+from flgpr.types import PathLike
 
-PathLike = str | Path
 FAULTS = ("lost", "late", "twice", "nan", "jump")
 _JUMP = 45.0  # m along the lane, by which a position is wrong that jumps
 
@@ -124,7 +128,7 @@ def feed(
         ``parse_tcp``.
     secret_file : path, optional
         File of the secret that is asked for there; by default that of the environment, if there is
-        one, see ``live/secret.py``.
+        one, see ``live/sockets.py``.
 
     Returns
     -------
@@ -152,7 +156,12 @@ def feed(
     if not 0 <= first < total:
         raise ValueError(f"first must be a scan of the run (0 to {total - 1}), got {first}")
     last = total if count is None else min(first + count, total)
-    _check_faults(parsed_faults, first, last)
+    for fault in parsed_faults:
+        if not first <= fault.scan < last:
+            raise ValueError(
+                f"fault must begin with a scan that is played ({first} to {last - 1}), "
+                f"got {fault.scan}"
+            )
 
     sink: _FolderSink | _SocketSink
     if folder is not None:
@@ -169,7 +178,12 @@ def feed(
         frames = _playing_order(first, last, parsed_faults)
         for frame in frames:
             # Encoded before the wait, so that the frame leaves in time.
-            data = _encoded(dataset, frame, description.run_id)
+            scan = stored_scan(dataset, frame.scan)
+            if "nan" in frame.kinds:
+                scan.signal[0, 0] = np.nan
+            if "jump" in frame.kinds and scan.pose is not None:
+                scan.pose[1] += _JUMP
+            data = encode_scan(scan.number, scan.signal, scan.pose, scan.time, description.run_id)
             if not math.isinf(rate):
                 due = start + (frame.moment - first) / rate - time.monotonic()
                 if due > 0:
@@ -178,26 +192,6 @@ def feed(
         if last == total:
             sink.end(total)
     return len(frames)
-
-
-def _check_faults(faults: Sequence[Fault], first: int, last: int) -> None:
-    """Refuse faults of scans that are not played; ``last`` is the first that is not."""
-    for fault in faults:
-        if not first <= fault.scan < last:
-            raise ValueError(
-                f"fault must begin with a scan that is played ({first} to {last - 1}), "
-                f"got {fault.scan}"
-            )
-
-
-def _encoded(run: xr.Dataset, frame: _PlayedFrame, run_id: str) -> bytes:
-    """Return the bytes of a scan, with its faults."""
-    scan = stored_scan(run, frame.scan)
-    if "nan" in frame.kinds:
-        scan.signal[0, 0] = np.nan
-    if "jump" in frame.kinds and scan.pose is not None:
-        scan.pose[1] += _JUMP
-    return encode_scan(scan.number, scan.signal, scan.pose, scan.time, run_id)
 
 
 def _playing_order(first: int, last: int, faults: Sequence[Fault]) -> list[_PlayedFrame]:

@@ -22,7 +22,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.live.detector import LiveDetector
 from flgpr.live.event_types import ForecastEntries
@@ -31,9 +30,8 @@ from flgpr.method.estimators import LARGEST_ODDS, TrainedEstimator, probability
 from flgpr.method.model import Model
 from flgpr.model import complete_scans
 from flgpr.recipe.schema import Recipe
-from flgpr.store import Scan
 from flgpr.store.scan_file import stored_scan
-from flgpr.types import Arrays
+from flgpr.types import Arrays, FloatArray
 
 NAME = "live.forecast"
 """Name of the forecast in a model, among what its stages have learnt."""
@@ -256,8 +254,8 @@ def follow(detector: LiveDetector, run: xr.Dataset) -> Iterator[Followed]:
     place.
     """
     followed: list[tuple[LiveAlarm, float, list[float]]] = []
-    for scan in _stored_scans(run):
-        if detector.add(scan).outcome != "taken":
+    for number in np.flatnonzero(complete_scans(run)):
+        if detector.add(stored_scan(run, int(number))).outcome != "taken":
             continue
         remaining = []
         for alarm, weight_before, looks in followed:
@@ -325,14 +323,14 @@ def learn(followed: Iterable[Followed]) -> tuple[Arrays, dict[str, Any]]:
     terms = np.stack([np.ones_like(p), clipped, p * clipped], axis=1)
     first = np.linalg.lstsq(terms, error, rcond=None)[0]
 
-    def residual(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+    def residual(numbers: FloatArray) -> FloatArray:
         return error - terms @ numbers[:3]
 
-    def log_variance(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+    def log_variance(numbers: FloatArray) -> FloatArray:
         rho = expit(numbers[5])
         return 2 * (numbers[3] + numbers[4] * p) + np.log(rho + (1 - rho) * alike)
 
-    def negative_log_likelihood(numbers: NDArray[np.float64]) -> float:
+    def negative_log_likelihood(numbers: FloatArray) -> float:
         variance = log_variance(numbers)
         return float((variance + residual(numbers) ** 2 * np.exp(-variance)).mean())
 
@@ -345,12 +343,6 @@ def learn(followed: Iterable[Followed]) -> tuple[Arrays, dict[str, Any]]:
     notes["within"] = float((np.abs(residual(best)) <= limit).mean())
     fitted = Forecast(tuple(best[:3]), tuple(best[3:5]), float(expit(best[5])))
     return fitted.arrays(), notes
-
-
-def _stored_scans(run: xr.Dataset) -> Iterator[Scan]:
-    """Yield the complete scans of a stored run as if they arrived."""
-    for number in np.flatnonzero(complete_scans(run)):
-        yield stored_scan(run, int(number))
 
 
 def _interval(mean: float, deviation: float) -> list[float]:

@@ -7,11 +7,9 @@ looked-at scans behind. A verdict changes once three scans in a row agree on ano
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.clutter import Background
 from flgpr.method.unlike import (
@@ -24,7 +22,7 @@ from flgpr.method.unlike import (
 )
 from flgpr.model import Grid
 from flgpr.stages import MapStage
-from flgpr.types import Arrays
+from flgpr.types import AnyArray, Arrays, FloatArray
 
 AGREEING = 3
 """Looked-at scans in a row that must agree before the verdict changes."""
@@ -70,7 +68,7 @@ class RunningGround:
         self.comparison = Comparison()  #: the latest
 
     def add(
-        self, image: xr.DataArray, pose: NDArray[np.float64], background: Background
+        self, image: xr.DataArray, pose: FloatArray, background: Background
     ) -> Comparison | None:
         """Look at a scan, if it lies far enough from the last one that was looked at.
 
@@ -97,11 +95,6 @@ class RunningGround:
                 before = self._sums.get(name, np.zeros_like(array))
                 self._sums[name] = keep * before + array
         self._scans += 1
-        self.comparison = self._compare(image, background)
-        return self._settle()
-
-    def _compare(self, image: xr.DataArray, background: Background) -> Comparison:
-        """Compare what was summed, and the level of the background once it has settled."""
         ground = self._ground
         near = self._grid.y_min
         figures = []
@@ -117,10 +110,7 @@ class RunningGround:
             scans = min(self._scans, MOST_SCANS)
             whitener = self._mapper.learnt["whitener"]
             figures += compare_clutter(ground, self._sums, scans, whitener, near)
-        return Comparison(tuple(figures))
-
-    def _settle(self) -> Comparison | None:
-        """Return the comparison if the verdict changes with it."""
+        self.comparison = Comparison(tuple(figures))
         self._agreeing = self._agreeing + 1 if self.comparison.unlike != self.unlike else 0
         if self._agreeing < AGREEING:
             return None
@@ -133,7 +123,7 @@ class RunningGround:
         counts = [self._scans, self._agreeing, int(self.unlike)]
         return {**self._sums, "counts": np.array(counts), "place": self._place}
 
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+    def restore(self, state: Mapping[str, AnyArray]) -> None:
         """Go on from a state."""
         self._sums = {
             name: np.array(array)

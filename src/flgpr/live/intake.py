@@ -16,7 +16,6 @@ from operator import itemgetter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.health.findings import Finding, finding
 from flgpr.health.judging import Radar
@@ -24,8 +23,9 @@ from flgpr.health.streaming import LiveHealth
 from flgpr.model.plausible import MotionLimits, Sighting, step_between
 from flgpr.store import RunDescription, Scan, ScanFileError, decode_frame, scan_of
 from flgpr.store.scan_file import Frame, pose_fault
+from flgpr.types import FloatArray
 
-NumberedPose = tuple[int, NDArray[np.float64]]
+NumberedPose = tuple[int, FloatArray]
 
 COUNTS = {
     "received": "frames that came",
@@ -332,7 +332,7 @@ class Intake:
             if self._fits_known_poses(scan.number, scan.pose):
                 self._poses = _with_pose(self._poses, scan.number, scan.pose)
 
-    def _fits_known_poses(self, number: int, pose: NDArray[np.float64]) -> bool:
+    def _fits_known_poses(self, number: int, pose: FloatArray) -> bool:
         """Return whether missing poses may be filled in from a pose; from the first they may.
 
         No scan is held back or left out for this: that is up to the detector's gate.
@@ -348,7 +348,7 @@ class Intake:
         end = Sighting(number, math.nan, pose)
         return step_between(self._limits, start, end).strain <= 1
 
-    def _fill(self, number: int) -> NDArray[np.float64] | None:
+    def _fill(self, number: int) -> FloatArray | None:
         """Return the pose on the line through two known neighbours, or beyond the last two."""
         known = [entry for entry in self._poses if entry[0] != number]
         if len(known) < 2:
@@ -365,14 +365,12 @@ class Intake:
         step = last_pose - first_pose
         # Angles go the shorter way round, and the heading stays between -π and π.
         step[3:] = np.angle(np.exp(1j * step[3:]))
-        pose: NDArray[np.float64] = first_pose + share * step
+        pose: FloatArray = first_pose + share * step
         pose[3] = np.angle(np.exp(1j * pose[3]))
         return pose
 
 
-def _with_pose(
-    poses: list[NumberedPose], number: int, pose: NDArray[np.float64]
-) -> list[NumberedPose]:
+def _with_pose(poses: list[NumberedPose], number: int, pose: FloatArray) -> list[NumberedPose]:
     """Return poses with that of a number, in place of an older one.
 
     Only the last few, ascending.

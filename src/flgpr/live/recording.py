@@ -19,6 +19,7 @@ from flgpr.door import check_expansion, read_named
 from flgpr.json_text import count_values, parse_json
 from flgpr.live.event_types import Event
 from flgpr.live.events import EVENT_FILE, EventFile
+from flgpr.types import PathLike
 
 _BEAT = 0.1  # s between signs of life while nothing comes, as in live detection
 
@@ -31,7 +32,7 @@ class RecordedScan:
     events: list[Event] = field(default_factory=list)
 
 
-def read_recording(path: str | Path) -> tuple[list[Event], list[RecordedScan], list[Event]]:
+def read_recording(path: PathLike) -> tuple[list[Event], list[RecordedScan], list[Event]]:
     """Return the events of a recording: those before the first scan, of each scan, and of the end.
 
     Parameters
@@ -79,8 +80,8 @@ def read_recording(path: str | Path) -> tuple[list[Event], list[RecordedScan], l
 
 
 def play_recording(
-    path: str | Path,
-    folder: str | Path,
+    path: PathLike,
+    folder: PathLike,
     rate: float = 4.2,
     wait: Callable[[float], bool] | None = None,
 ) -> int:
@@ -119,7 +120,10 @@ def play_recording(
             arrived = begin + number / rate
             if _wait_until(arrived + scan.latency, file, wait):
                 return number
-            file.append(_dated(event, arrived) for event in scan.events)
+            file.append(
+                ({**event, "arrived": round(arrived, 3)} if event["event"] == "scan" else event)
+                for event in scan.events
+            )
         file.append(after)
     return len(scans)
 
@@ -139,8 +143,3 @@ def _wait_until(moment: float, file: EventFile, wait: Callable[[float], bool]) -
         file.beat()
         left = moment - time.time()
     return False
-
-
-def _dated(event: Event, arrived: float) -> Event:
-    """Return an event; a scan arrived at a moment, s since 1970."""
-    return {**event, "arrived": round(arrived, 3)} if event["event"] == "scan" else event

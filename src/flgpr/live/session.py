@@ -35,7 +35,6 @@ from flgpr.live.event_types import (
     EndEvent,
     Event,
     ResumeEvent,
-    StartEvent,
 )
 from flgpr.live.events import (
     EVENT_FILE,
@@ -51,13 +50,10 @@ from flgpr.live.events import (
 )
 from flgpr.live.forecast import forecast_of
 from flgpr.live.intake import Intake
-from flgpr.live.options import LiveOptions
-from flgpr.live.outcome import LiveReport, latency_percentiles
-from flgpr.live.playing import RunPlayer
-from flgpr.live.secret import live_secret
-from flgpr.live.senders import SENDERS, SocketWatch, TcpWatch
-from flgpr.live.sockets import TcpAddress, parse_tcp
-from flgpr.live.source import SOCKET, Arrival, Inbox, Source
+from flgpr.live.options import LiveOptions, LiveReport, latency_percentiles
+from flgpr.live.senders import SENDERS, SocketWatch, TcpWatch, largest_frame
+from flgpr.live.sockets import TcpAddress, live_secret, parse_tcp
+from flgpr.live.source import SOCKET, Arrival, FolderWatch, Inbox, RunPlayer, Source
 from flgpr.live.state import (
     SNAPSHOT_FILE,
     Snapshot,
@@ -66,9 +62,7 @@ from flgpr.live.state import (
     restore_snapshot,
     take_snapshot,
 )
-from flgpr.live.stream import largest_frame
 from flgpr.live.updates import LiveUpdate, SettledOutcome
-from flgpr.live.watch import FolderWatch
 from flgpr.method.memory import check_scan_memory
 from flgpr.method.model import Model, parse_model, read_model, unlearnt
 from flgpr.method.unlike import Comparison, why_not
@@ -213,7 +207,14 @@ class LiveRun:
             path.unlink(missing_ok=True)
         snapshot = read_snapshot(path)
         if snapshot is not None and options.incoming is not None:
-            _check_same_run(snapshot, Path(options.incoming))
+            # Refused before anything is written.
+            description = read_description(Path(options.incoming))
+            run_id = parse_description(snapshot[0]["run"]).run_id
+            if description is not None and description.run_id != run_id:
+                raise ValueError(
+                    f"{options.incoming}: the description is that of another run; `fresh` begins "
+                    "anew"
+                )
         sources: list[Source] = []
         if options.socket is not None:
             sources.append(SocketWatch(Path(options.socket), self.inbox))
@@ -456,11 +457,15 @@ class LiveRun:
             return lines
         if not self._started and detector.first_pose is not None:
             self._started = True
-            lines.append(self._start_event(detector, intake.description))
+            reference = intake.description.attrs.get("georeference")
+            anchor = self._alarms.anchor
+            if self.options.anchor is not None and anchor is not None:
+                reference = anchor.georeference()
+            lines.append(start_event(intake.description.title, detector, reference, self.vehicle))
         settled = [*update.released, (scan, update)]
         for settled_scan, change in settled:
             # Scans that are released, and one that was not left out, are settled.
-            outcome = cast(SettledOutcome, change.outcome)
+            outcome = cast("SettledOutcome", change.outcome)
             lines.append(scan_event(settled_scan, outcome, arrival.when, latency))
         for settled_scan, change in settled:
             if change.ground is not None:
@@ -494,14 +499,6 @@ class LiveRun:
         intake.judged(scan.number, update.outcome, None if update.anew else newest)
         return update, update.words
 
-    def _start_event(self, detector: LiveDetector, description: RunDescription) -> StartEvent:
-        """Return the event that detection starts."""
-        reference = description.attrs.get("georeference")
-        anchor = self._alarms.anchor
-        if self.options.anchor is not None and anchor is not None:
-            reference = anchor.georeference()
-        return start_event(description.title, detector, reference, self.vehicle)
-
     def _snapshot(self) -> Snapshot:
         """Return the state of detector and intake."""
         if self._detector is None or self._intake is None:
@@ -527,22 +524,16 @@ class LiveRun:
             log_finished(self.output, "`fresh` makes it again")
             return LiveReport(counts, latency_percentiles([]), len(table), float("nan"))
         write_table(table, self.output / "alarms.csv")
-        report = LiveReport(counts, latency_percentiles(self._latency), len(table), self._rate())
+        rate = float("nan")  # frames per second between the first and the last one
+        if self._frames >= 2:
+            rate = (self._frames - 1) / (self._moments[-1] - self._moments[0])
+        report = LiveReport(counts, latency_percentiles(self._latency), len(table), rate)
         end: EndEvent = {"event": "end", "alarms": len(table), "latency": report.latency_ms}
         events.append([{**end, **counts}])
-        rate = report.rate if np.isfinite(report.rate) else None
-        entries = asdict(report) | {"rate": rate, "recipe": detector.recipe.name}
+        stated_rate = rate if np.isfinite(rate) else None
+        entries = asdict(report) | {"rate": stated_rate, "recipe": detector.recipe.name}
         write_whole(self.output / REPORT_FILE, canonical_json(entries) + b"\n")
         return report
-
-    def _rate(self) -> float:
-        """Return the frames per second between the first and the last one.
-
-        NaN with fewer than two.
-        """
-        if self._frames < 2:
-            return float("nan")
-        return (self._frames - 1) / (self._moments[-1] - self._moments[0])
 
 
 def rehearse(description: RunDescription, recipe: Recipe, model: Model) -> None:
@@ -566,15 +557,6 @@ def _recipe_vehicle(options: LiveOptions) -> Vehicle:
 def _faults(counts: dict[str, int]) -> dict[str, int]:
     """Return the counts of what is not as it should be."""
     return {name: count for name, count in counts.items() if name not in _NO_FAULT}
-
-
-def _check_same_run(snapshot: Snapshot, incoming: Path) -> None:
-    """Refuse a folder of another run than that of the snapshot before anything is written."""
-    description = read_description(incoming)
-    if description is None:
-        return
-    if description.run_id != parse_description(snapshot[0]["run"]).run_id:
-        raise ValueError(f"{incoming}: the description is that of another run; `fresh` begins anew")
 
 
 def _check_output(folder: Path) -> None:

@@ -1,15 +1,40 @@
-"""Where scans come from: what arrived and was not taken yet, and the threads that bring it."""
+"""Where scans come from: what arrived and was not taken yet, and the threads that bring it.
+
+Scans that a radar writes into a folder as files.
+
+A recorded run as a source of live scans: one after the other, in the order of their times.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import math
+import os
 import queue
 import threading
 import time
 from abc import abstractmethod
 from collections import Counter
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Literal
+
+import numpy as np
+import xarray as xr
+
+from flgpr.door import DoorError, Folder
+from flgpr.store import ScanFileError, describe_for_live, encode_scan, read_description
+from flgpr.store.scan_file import (
+    END_FILE,
+    LARGEST_FRAME,
+    SCAN_SUFFIX,
+    TruncatedFrameError,
+    frame_size,
+    head_size,
+    scan_name,
+    stored_scan,
+)
+from flgpr.types import FloatArray
 
 _MOST_WAITING = 32
 _MOST_BYTES_WAITING = 2**28
@@ -115,3 +140,251 @@ class Source(threading.Thread):
     @abstractmethod
     def bring(self) -> None:
         """Put into the inbox what comes, until its ``stop`` is set or nothing more comes."""
+
+
+# s between checks of a folder, while a scan is processed and while the next one is awaited
+_CHECK_BUSY = 0.004
+_CHECK_AWAITED = 0.001
+_SETTLED = 0.05  # s after which a folder's time stamp shows every change
+_PATIENCE = 1.0  # s that a file may stay shorter than its header states
+_UNREADABLE = -2  # in place of the size of a file that cannot be read
+_MOST_FILE = 2**63  # of a file larger than a frame only the head is read
+
+
+class FolderWatch(Source):
+    """Watches a folder, which may be made later.
+
+    It reads ``run.json``, then ``*.scan`` in the order of names, then ``end.json``.
+    """
+
+    def __init__(self, folder: Path, inbox: Inbox, known: set[str] | None = None) -> None:
+        super().__init__(str(folder), inbox)
+        self._folder = folder
+        self._known = set(known or ())
+        self._began = time.time()
+        self._growing: dict[str, tuple[int, float]] = {}
+        self._cut: dict[str, int] = {}  # sizes of files that were handed over shorter than stated
+        self._described = False
+        self._ended = False
+        self._stamp = -1
+
+    def bring(self) -> None:
+        """Check the folder until the run ends."""
+        while not self.inbox.stop.is_set():
+            if not self._check():
+                pause = _CHECK_AWAITED if self.inbox.awaited else _CHECK_BUSY
+                self.inbox.stop.wait(pause)
+
+    def _check(self) -> bool:
+        """Check the folder once; return whether a scan came."""
+        try:
+            stamp = self._folder.stat().st_mtime_ns
+        except FileNotFoundError:
+            return False
+        is_settled = time.time_ns() - stamp > _SETTLED * 1e9
+        # The end of a file that comes late changes nothing about its folder.
+        is_complete = not self._growing and not self._cut
+        if stamp == self._stamp and is_settled and is_complete:
+            return False
+        if not self._described and not self._describe():
+            return False
+        names = set(os.listdir(self._folder))
+        self._forget_removed(names)
+        self._take_up_grown()
+        unread = [name for name in names - self._known if name.endswith(SCAN_SUFFIX)]
+        n_read = 0
+        for name in sorted(unread):
+            n_read += self._read(name)
+        # The end may be written before the last scans can be read: it is passed on after them.
+        if END_FILE in names and not self._ended and not n_read and not self._growing:
+            self._ended = True
+            self.inbox.put(Arrival("end", END_FILE, time.time()))
+        self._stamp = stamp if is_settled and not n_read else -1
+        return n_read > 0
+
+    def _describe(self) -> bool:
+        """Hand the description of the run over; return False if it is not there yet."""
+        description = read_description(self._folder)
+        if description is None:
+            return False
+        self._described = True
+        source = str(self._folder)
+        self.inbox.put(Arrival("run", source, time.time(), value=description.as_json()))
+        return True
+
+    def _forget_removed(self, names: set[str]) -> None:
+        """Forget files that the radar removed; ``names`` are those in the folder."""
+        self._known &= names
+        for files in (self._growing, self._cut):
+            for name in list(files):
+                if name not in names:
+                    del files[name]
+
+    def _take_up_grown(self) -> None:
+        """Read files once more that were too short for a while, and then grew."""
+        for name, size in list(self._cut.items()):
+            with contextlib.suppress(OSError):
+                if os.lstat(self._folder / name).st_size != size:
+                    del self._cut[name]
+                    self._known.discard(name)
+
+    def _read(self, name: str) -> bool:
+        """Hand a file over; return False if it still grows or cannot be a scan."""
+        try:
+            with Folder(self._folder).open(name, _MOST_FILE) as file:
+                status = os.fstat(file.fileno())
+                fits = status.st_size <= LARGEST_FRAME
+                data = file.read(LARGEST_FRAME if fits else head_size())
+        except FileNotFoundError:
+            return False
+        except DoorError as error:  # links, folders and pipes are no scans: told, and counted
+            self._known.add(name)
+            return self.inbox.put(Arrival("frame", name, time.time(), value=ScanFileError(error)))
+        except OSError as error:
+            # The radar may give the right to read it after it has written it.
+            now = time.time()
+            size, since = self._growing.get(name, (_UNREADABLE, now))
+            if size != _UNREADABLE:
+                since = now
+            if now - since < _PATIENCE:
+                self._growing[name] = (_UNREADABLE, since)
+                return False
+            self._growing.pop(name, None)
+            self._known.add(name)
+            fault = ScanFileError(f"file must be readable, got {error.strerror or error}")
+            return self.inbox.put(Arrival("frame", name, now, value=fault))
+        if self._grows(name, data, status.st_size):
+            return False
+        self._known.add(name)
+        if _is_short(data, status.st_size):
+            self._cut[name] = status.st_size
+        when = max(status.st_ctime, self._began)
+        return self.inbox.put(Arrival("frame", name, when, data))
+
+    def _grows(self, name: str, data: bytes, size: int) -> bool:
+        """Return whether a file is shorter than its header states and may still be completed."""
+        is_short = _is_short(data, size)
+        previous_size, since = self._growing.get(name, (-1, 0.0))
+        now = time.time()
+        if size != previous_size:
+            since = now
+        if is_short and (size != previous_size or now - since < _PATIENCE):
+            self._growing[name] = (size, since)
+            return True
+        self._growing.pop(name, None)
+        return False
+
+
+def _is_short(data: bytes, size: int) -> bool:
+    """Return whether a file of so many bytes is shorter than the header in its data states."""
+    try:
+        return frame_size(data) > size
+    except TruncatedFrameError:
+        return True
+    except ScanFileError:
+        return False
+
+
+RECORDING = "recording"
+"""Name of arrivals of a recording that are no scans."""
+
+
+def in_time_order(run: xr.Dataset) -> xr.Dataset:
+    """Return a run whose scans follow one another in time.
+
+    Parameters
+    ----------
+    run : Dataset
+        A run. Scans of the same time keep their order, as do all where a time is not known.
+
+    Returns
+    -------
+    Dataset
+        The same scans.
+    """
+    moments = run["time"].values
+    if not np.isfinite(moments).all():
+        return run
+    return run.isel(scan=np.argsort(moments, kind="stable"))
+
+
+def due_times(run: xr.Dataset, rate: float | None) -> FloatArray:
+    """Return when each scan of a run is due, s after the first.
+
+    Parameters
+    ----------
+    run : Dataset
+        A run in the order of its times.
+    rate : float or None
+        Scans per second, infinity for all at once; None takes the run's own times.
+
+    Returns
+    -------
+    (scan,) ndarray
+        Times, ascending.
+
+    Raises
+    ------
+    ValueError
+        If the rate is not positive, or there is none and the run has no times.
+    """
+    count = run.sizes["scan"]
+    if rate is None:
+        moments = np.asarray(run["time"].values, np.float64)
+        if not np.isfinite(moments).all():
+            raise ValueError("rate must be given for a recording without times of its scans")
+        return moments - moments[0]
+    if not rate > 0:
+        raise ValueError(f"rate must be positive, got {rate}")
+    if math.isinf(rate):
+        return np.zeros(count)
+    return np.arange(count) / rate
+
+
+class RunPlayer(Source):
+    """Plays a run into the inbox of a live run, without the scans that are ``known``.
+
+    Parameters
+    ----------
+    run : Dataset
+        The run, see :func:`in_time_order`.
+    inbox : Inbox
+        Takes the scans.
+    rate : float, optional
+        As for :func:`due_times`.
+    known : set of str, optional
+        Names of scans that an earlier process took: the drive begins behind them.
+
+    Raises
+    ------
+    ValueError
+        If the rate is not valid.
+    """
+
+    def __init__(
+        self,
+        run: xr.Dataset,
+        inbox: Inbox,
+        rate: float | None = None,
+        known: set[str] | None = None,
+    ) -> None:
+        super().__init__(RECORDING, inbox)
+        self._run = in_time_order(run)
+        self._due = due_times(self._run, rate)
+        names = [scan_name(number) for number in range(self._run.sizes["scan"])]
+        self._numbers = [number for number, name in enumerate(names) if name not in (known or ())]
+
+    def bring(self) -> None:
+        """Hand over the description, then every scan when it is due, then the end."""
+        description = describe_for_live(self._run)
+        self.inbox.put(Arrival("run", RECORDING, time.time(), value=description.as_json()))
+        start = time.monotonic()
+        for number in self._numbers:
+            due = start + self._due[number] - self._due[self._numbers[0]]
+            # Every wait ends at once where the live run stops.
+            if self.inbox.stop.wait(max(due - time.monotonic(), 0.0)):
+                return
+            scan = stored_scan(self._run, number)
+            frame = encode_scan(number, scan.signal, scan.pose, scan.time, description.run_id)
+            self.inbox.put(Arrival("frame", scan_name(number), time.time(), frame))
+        self.inbox.put(Arrival("end", RECORDING, time.time()))

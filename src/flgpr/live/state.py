@@ -16,22 +16,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from flgpr.engine import arrays_under
+from flgpr.engine import bundle_groups, group_of
 from flgpr.json_text import check_format
 from flgpr.live.detector import LiveDetector
 from flgpr.live.intake import Intake
 from flgpr.live.updates import LiveAlarm
 from flgpr.method.steps import CleanedImages
 from flgpr.store import MAX_MEMORY, Bundle, BundleError, Scan, write_bundle
+from flgpr.types import Arrays, FloatArray, floats
 
 SNAPSHOT_FILE = "snapshot.bundle"
 FORMAT = "flgpr-live-snapshot"
 VERSION = 6
 # Scalars of the detector, by these names in the file.
 _SCALARS = ("closed", "left_out")
-Snapshot = tuple[dict[str, Any], dict[str, NDArray[Any]]]
+Snapshot = tuple[dict[str, Any], Arrays]
 
 
 class SnapshotError(ValueError):
@@ -59,39 +59,6 @@ def take_snapshot(
     header, arrays
         The state, as :func:`write_snapshot` takes it.
     """
-    header = _header(detector, intake, names, fingerprint)
-    arrays = _arrays(detector)
-    header["health"], of_health = intake.health.state()
-    for name, value in of_health.items():
-        arrays[f"health.{name}"] = value
-    return header, arrays
-
-
-def _arrays(detector: LiveDetector) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a detector, copies or such as are never changed in place."""
-    arrays: dict[str, NDArray[Any]] = {}
-    for name, value in detector.background.state().items():
-        arrays[f"background.{name}"] = value
-    for name, value in detector.view.items():
-        arrays[f"view.{name}"] = value
-    for position, scan in enumerate(detector.history):
-        for name, value in vars(scan).items():
-            if isinstance(value, np.ndarray):
-                arrays[f"scan{position}.{name}"] = value
-    arrays["numbers.passed"] = np.array(detector.alarms.passed)
-    arrays["numbers.magnitudes"] = np.array(detector.density.magnitudes)
-    if detector.ground is not None:
-        for name, value in detector.ground.state().items():
-            arrays[f"ground.{name}"] = value
-    for number, held_scan in detector.held.items():
-        arrays[f"held{number}.signal"] = held_scan.signal
-    return arrays
-
-
-def _header(
-    detector: LiveDetector, intake: Intake, names: set[str], fingerprint: str
-) -> dict[str, Any]:
-    """Return what is no array of a detector and its intake, as JSON values."""
     newest = None
     if detector.newest is not None:
         newest = [detector.newest[0], detector.newest[1].tolist()]
@@ -102,7 +69,7 @@ def _header(
     for name in _SCALARS:
         value = getattr(detector, name)
         scalars[name] = value if np.isfinite(value) else None
-    return {
+    header: dict[str, Any] = {
         "format": FORMAT,
         "version": VERSION,
         "fingerprint": fingerprint,
@@ -113,21 +80,32 @@ def _header(
         "held": list(detector.held),
         "history": [scan.number for scan in detector.history],
         "alarms": [asdict(alarm) for alarm in detector.alarms.open.values()],
-        "first_pose": _pose_as_json(detector.first_pose),
-        "before": _pose_as_json(detector.previous_pose),
+        "first_pose": None if detector.first_pose is None else detector.first_pose.tolist(),
+        "before": None if detector.previous_pose is None else detector.previous_pose.tolist(),
         "newest": newest,
         "scalars": scalars,
     }
-
-
-def _pose_as_json(pose: NDArray[np.float64] | None) -> list[float] | None:
-    """Return a pose as JSON values."""
-    return None if pose is None else pose.tolist()
-
-
-def _pose_from_json(values: list[float] | None) -> NDArray[np.float64] | None:
-    """Return a pose from JSON values."""
-    return None if values is None else np.asarray(values, dtype=np.float64)
+    header["health"], of_health = intake.health.state()
+    # Copies, or such as are never changed in place.
+    groups: dict[str, Arrays] = {
+        "background": detector.background.state(),
+        "view": detector.view,
+    }
+    for position, scan in enumerate(detector.history):
+        of_scan = {
+            name: value for name, value in vars(scan).items() if isinstance(value, np.ndarray)
+        }
+        groups[f"scan{position}"] = of_scan
+    groups["numbers"] = {
+        "passed": np.array(detector.alarms.passed),
+        "magnitudes": np.array(detector.density.magnitudes),
+    }
+    if detector.ground is not None:
+        groups["ground"] = detector.ground.state()
+    for number, held_scan in detector.held.items():
+        groups[f"held{number}"] = {"signal": held_scan.signal}
+    groups["health"] = of_health
+    return header, bundle_groups(groups, ".")
 
 
 def write_snapshot(path: Path, snapshot: Snapshot) -> None:
@@ -218,17 +196,23 @@ def restore_snapshot(
 
 
 def _restore(
-    header: dict[str, Any], arrays: dict[str, NDArray[Any]], detector: LiveDetector, intake: Intake
+    header: dict[str, Any], arrays: Arrays, detector: LiveDetector, intake: Intake
 ) -> None:
     """Set the state of a detector and its intake."""
-    detector.background.restore(arrays_under(arrays, "background."))
-    detector.view = arrays_under(arrays, "view.")
+
+    def group(name: str) -> Arrays:
+        return group_of(arrays, name, ".")
+
+    def pose_of(values: list[float] | None) -> FloatArray | None:
+        return None if values is None else floats(values)
+
+    detector.background.restore(group("background"))
+    detector.view = group("view")
     if detector.ground is not None:
-        detector.ground.restore(arrays_under(arrays, "ground."))
+        detector.ground.restore(group("ground"))
     detector.history = []
     for position, number in enumerate(header["history"]):
-        arrays_of_scan = arrays_under(arrays, f"scan{position}.")
-        detector.history.append(CleanedImages(number, **arrays_of_scan))
+        detector.history.append(CleanedImages(number, **group(f"scan{position}")))
     detector.alarms.open = {}
     for entries in header["alarms"]:
         alarm = LiveAlarm(**entries)
@@ -237,12 +221,12 @@ def _restore(
     detector.alarms.count = header["scalars"]["named"]
     detector.density.magnitudes = array("d", arrays["numbers.magnitudes"].tobytes())
     detector.density.final_area = float(header["scalars"]["seen_area"])
-    detector.previous_pose = _pose_from_json(header["before"])
-    detector.first_pose = _pose_from_json(header["first_pose"])
+    detector.previous_pose = pose_of(header["before"])
+    detector.first_pose = pose_of(header["first_pose"])
     detector.newest = None
     if header["newest"] is not None:
         number, pose = header["newest"]
-        detector.newest = (number, np.asarray(pose, dtype=np.float64))
+        detector.newest = (number, floats(pose))
     for name in _SCALARS:
         value = header["scalars"][name]
         setattr(detector, name, -np.inf if value is None else value)
@@ -256,7 +240,7 @@ def _restore(
         detector.held[number] = Scan(number, sighting.time, sighting.pose, signal)
     intake.restore(header["intake"])
     if "health" in header:  # a snapshot of a version before has none
-        intake.health.restore(header["health"], arrays_under(arrays, "health."))
+        intake.health.restore(header["health"], group("health"))
 
 
 class SnapshotWriter(AbstractContextManager["SnapshotWriter"]):

@@ -8,12 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from flgpr.method.unlike import Comparison
 from flgpr.model.plausible import MotionStep
 from flgpr.store import Scan
+from flgpr.types import Float32Array
 
 State = Literal["new", "update", "withdrawn", "final"]
 SettledOutcome = Literal["taken", "warm-up", "still", "late", "refused"]
@@ -56,7 +54,7 @@ class LiveUpdate:
     outcome: Outcome
     alarms: list[LiveAlarm]
     row: int = 0
-    view: NDArray[np.float32] | None = None
+    view: Float32Array | None = None
     step: MotionStep | None = None  #: why the pose is not plausible
     clock: MotionStep | None = None  #: why the time is not plausible, which is no fault of the pose
     anew: bool = False  #: whether detection started anew, at the first of ``released``

@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
-from flgpr.method.classifier import label_lanes
-from flgpr.model import Lane
+from flgpr.method.classifier import LaneOfAlarms, label_lanes
 from flgpr.recipe.schema import Recipe
 from flgpr.stages.too_few import (
     HALF,
@@ -25,8 +24,6 @@ from flgpr.stages.too_few import (
 from flgpr.types import BoolArray
 
 _USUAL_DENSITY = 0.75  # alarms per area of an alarm, Wang et al. 2007
-LaneOfAlarms = tuple[str, pd.DataFrame, pd.DataFrame, pd.DataFrame, Lane]
-"""Name, alarms, features, truth and borders of a lane."""
 
 
 @dataclass(frozen=True)
@@ -132,47 +129,36 @@ class AlarmSteps:
         if lacks_hits and not self.targets.number:
             return []
         if lacks_hits and not self.left:
-            return self._smaller_shares(recipe)
+            stages = recipe.named()
+            changes = []
+            for name in self.spent:
+                share = getattr(stages[name].settings, "share", 0.0)
+                if share > HALF:
+                    changes.append(Change("share", HALF, share, header(name)))
+            return changes
         if lacks_hits:
             fewer_features_help = self.hits_left > 0
         else:
             fewer_features_help = self._lacks_false_alarms(trained_on) and self.false_alarms > 0
         if fewer_features_help:
-            return self._fewer_features(recipe, trained_on)
-        return screen_changes(recipe)
-
-    def _smaller_shares(self, recipe: Recipe) -> list[Change]:
-        """Return the changes by which stages learn from fewer of the targets."""
-        stages = recipe.named()
-        changes = []
-        for name in self.spent:
-            share = getattr(stages[name].settings, "share", 0.0)
-            if share > HALF:
-                changes.append(Change("share", HALF, share, header(name)))
-        return changes
-
-    def _fewer_features(self, recipe: Recipe, trained_on: TrainedOn) -> list[Change]:
-        """Return the change to those features that some example of every class has."""
-        usable = []
-        for feature, (hits, false_alarms) in self.have.items():
-            enough_hits = hits > 0 or trained_on == "clutter"
-            enough_false_alarms = false_alarms > 0 or trained_on == "mines"
-            if enough_hits and enough_false_alarms:
-                usable.append(feature)
-        if not 0 < len(usable) < len(self.have):
-            return []
-        present = list(self.have)
-        if recipe.detector is not None:
-            present = list(recipe.detector.features)
-        return [Change("features", usable, present, "[detector]")]
-
-
-def screen_changes(recipe: Recipe) -> list[Change]:
-    """Return entries of the recipe with which more alarms are raised."""
-    if recipe.screen is not None:
-        return looser_entries(recipe.screen.settings, recipe.screen.stage_class.looser, "[screen]")
-    density = recipe.prescreen.density
-    return [Change("density", max(2 * density, _USUAL_DENSITY), density, "[prescreen]")]
+            usable = []
+            for feature, (hits, false_alarms) in self.have.items():
+                enough_hits = hits > 0 or trained_on == "clutter"
+                enough_false_alarms = false_alarms > 0 or trained_on == "mines"
+                if enough_hits and enough_false_alarms:
+                    usable.append(feature)
+            if not 0 < len(usable) < len(self.have):
+                return []
+            present = list(self.have)
+            if recipe.detector is not None:
+                present = list(recipe.detector.features)
+            return [Change("features", usable, present, "[detector]")]
+        if recipe.screen is not None:
+            return looser_entries(
+                recipe.screen.settings, recipe.screen.stage_class.looser, "[screen]"
+            )
+        density = recipe.prescreen.density
+        return [Change("density", max(2 * density, _USUAL_DENSITY), density, "[prescreen]")]
 
 
 def _screen_of(recipe: Recipe) -> str:
@@ -211,8 +197,7 @@ def count_alarm_steps(
     is_spent = np.concatenate(
         [_spent_targets(truth, number, spent) for number, truth in enumerate(truths)]
     )
-    alarm_lists = [(name, alarms, truth, lane) for name, alarms, _, truth, lane in lanes]
-    labels = label_lanes(alarm_lists, label_radius)
+    labels = label_lanes(lanes, label_radius)
     features = pd.concat([features for _, _, features, _, _ in lanes])
     known = np.isfinite(features[list(columns)].to_numpy(dtype=np.float64))
     complete = known.all(axis=1)

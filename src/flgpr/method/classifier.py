@@ -31,6 +31,10 @@ CLASSIFIER_B = ("C_HH_F1", "M_VV_F1", "P_alpha_F1")
 SIMULANT_BETA = 0.5
 
 
+LaneOfAlarms = tuple[str, pd.DataFrame, pd.DataFrame, pd.DataFrame, Lane]
+"""Name, alarms, features, truth and borders of a lane."""
+
+
 @dataclass(frozen=True)
 class TrainingSet:
     """Labelled alarms of training lanes."""
@@ -199,15 +203,13 @@ def feature_values(features: pd.DataFrame, names: Sequence[str]) -> tuple[FloatA
     return values, np.isfinite(values).all(axis=1)
 
 
-def label_lanes(
-    lanes: Sequence[tuple[str, pd.DataFrame, pd.DataFrame, Lane]], label_radius: float = 1.0
-) -> pd.DataFrame:
+def label_lanes(lanes: Sequence[LaneOfAlarms], label_radius: float = 1.0) -> pd.DataFrame:
     """Label the alarms of lanes with their truth (Wang et al. 2007, Sec. II-B).
 
     Parameters
     ----------
     lanes : sequence of tuple
-        Name, alarms, truth and borders of every lane.
+        Name, alarms, features, truth and borders of every lane; features are not looked at.
     label_radius : float
         r_label, m.
 
@@ -227,7 +229,7 @@ def label_lanes(
         raise ValueError("lanes must hold at least one lane, got none")
     tables = []
     targets_before = 0
-    for name, alarms, truth, lane in lanes:
+    for name, alarms, _, truth, lane in lanes:
         table = label_training_alarms(alarms, truth, lane, label_radius)
         hit = (table["label"] == "hit").to_numpy()
         # An alarm that hit no target has the number -1, which picks the empty kind at the end.
@@ -273,7 +275,7 @@ def duplication(labels: pd.DataFrame, mines: int, label_radius: float = 1.0) -> 
 
 
 def make_training_set(
-    lanes: Sequence[tuple[str, pd.DataFrame, pd.DataFrame, pd.DataFrame, Lane]],
+    lanes: Sequence[LaneOfAlarms],
     label_radius: float = 1.0,
     columns: Sequence[str] | None = None,
     spent: Sequence[pd.DataFrame] = (),
@@ -299,9 +301,8 @@ def make_training_set(
     TrainingSet
         The examples.
     """
-    alarm_lists = [(name, alarms, truth, lane) for name, alarms, _, truth, lane in lanes]
     truths = [truth for *_, truth, _ in lanes]
-    labels = label_lanes(alarm_lists, label_radius)
+    labels = label_lanes(lanes, label_radius)
     table = pd.concat([features for _, _, features, _, _ in lanes], ignore_index=True)
     _, complete = feature_values(table, list(columns or table.columns))
     keep = complete & (labels["label"] != "neither").to_numpy()

@@ -13,7 +13,7 @@ from flgpr.jit.threads import blas_on_one_thread
 from flgpr.method.estimators import TrainedEstimator, probability
 from flgpr.method.evidence import Evidence, confidence_contributions, in_order
 from flgpr.method.imaged_run import ImagedRun, array_table
-from flgpr.method.passes.frames import alarms_by_frame
+from flgpr.method.passes.run_view import alarms_by_frame
 from flgpr.model import ALARM_COLUMNS, empty_table
 from flgpr.types import FloatArray, IndexArray
 
@@ -141,7 +141,9 @@ def assemble(lane: ImagedRun, ranked: RankedAlarms) -> Detection:
     }
     if lane.explains:
         screen = lane.recipe.prescreen
-        evidence = _evidence(lane, ranked)
+        sums = lane.evidence_sums()
+        sums.merge(group_of(lane.results["features"], "explain"))
+        evidence = in_order(sums.result(), ranked.rows)
         entries |= {
             "channel": (screen.polarization, screen.subband),
             "contributions": _contributions(lane, ranked, evidence),
@@ -155,13 +157,6 @@ def _gives_odds(lane: ImagedRun) -> bool:
     """Return whether the confidence is the log odds of a mine: only then it is calibrated."""
     detector = lane.model.detector
     return isinstance(detector, TrainedEstimator) and detector.linear_in_magnitude
-
-
-def _evidence(lane: ImagedRun, ranked: RankedAlarms) -> Evidence:
-    """Return what explains the alarms, in their order."""
-    sums = lane.evidence_sums()
-    sums.merge(group_of(lane.results["features"], "explain"))
-    return in_order(sums.result(), ranked.rows)
 
 
 def _contributions(lane: ImagedRun, ranked: RankedAlarms, evidence: Evidence) -> pd.DataFrame:
@@ -188,4 +183,6 @@ def _notes(lane: ImagedRun) -> dict[str, Any]:
         notes["confidence"] = " + ".join(detector.features)
     elif lane.recipe.features is not None:
         notes["confidence"] = lane.steps.single
-    return notes | lane.stage_notes()
+    for stage in lane.all_stages:
+        notes |= stage.notes()
+    return notes

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from flgpr.detect.estimator_table import find_estimator, scorer_class, trained_class
-from flgpr.detect.scorers.checks import StoredScorer
+from flgpr.detect.scorers.checks import Checked, StoredScorer
 from flgpr.method.classifier import TrainingSet, check_entries, checked_names, feature_values
 from flgpr.recipe.tables import DetectorTable
 from flgpr.stages.too_few import Change, TooFewExamplesError, check_classes
@@ -137,33 +137,17 @@ class TrainedEstimator:
         unlike = about.get("unlike")
         if type(unlike) is not bool:
             raise ValueError(f"detector.unlike must be true or false, got {str(unlike)[:60]!r}")
-        unread = dict(arrays)
-        centre = _take_vector("centre", unread, len(features))
-        scale = _take_vector("scale", unread, len(features))
-        if not (scale > 0).all():
-            raise ValueError(f"detector.scale must be positive, got {float(scale.min()):g}")
+        checked = Checked(about["settings"], arrays)
         try:
-            scorer = scorer_class(name).restored(about["settings"], unread, len(features))
+            centre = checked.array("centre", (len(features),))
+            scale = checked.array("scale", (len(features),))
+            if not (scale > 0).all():
+                raise ValueError(f"scale must be positive, got {float(scale.min()):g}")
+            scorer = scorer_class(name).taken(checked, len(features))
+            checked.done()
         except ValueError as error:
             raise ValueError(f"detector {str(name)[:60]!r}: {error}") from None
         return cls(name, features, centre, scale, scorer, notes, unlike)
-
-
-def _take_vector(name: str, arrays: Arrays, length: int) -> FloatArray:
-    """Remove an array of a finite number per feature from the arrays and return it."""
-    value = arrays.pop(name, None)
-    if (
-        value is None
-        or value.dtype != np.float64
-        or value.shape != (length,)
-        or not np.isfinite(value).all()
-    ):
-        got = "none" if value is None else f"{value.dtype} {value.shape}"
-        raise ValueError(
-            f"detector.{name} must hold a finite float64 number for each of {length} features, "
-            f"got {got}"
-        )
-    return value
 
 
 def train_estimator(
@@ -234,23 +218,16 @@ def _make_estimator(table: DetectorTable, features: Sequence[str]) -> Any:
                 f"detector.options of {table.estimator} must not hold groups, as every entry of "
                 f"detector.features is one, got {options['groups']!r}"
             )
-        options["groups"] = _group_sizes(features, table.features)
+        entries = []
+        for name in features:
+            entries.append(
+                next((entry for entry in table.features if fnmatchcase(name, entry)), name)
+            )
+        options["groups"] = tuple(len(list(group)) for _, group in groupby(entries))
     try:
         return trained_class(table.estimator)(**options)
     except TypeError as error:
         raise ValueError(f"detector.options do not fit {table.estimator}: {error}") from None
-
-
-def _group_sizes(features: Sequence[str], patterns: Sequence[str]) -> tuple[int, ...]:
-    """Return the sizes of the groups of columns that the entries of a detector's features name.
-
-    A column belongs to the first entry that names it, and a group are those that follow one
-    another. A column that no entry names is a group of its own.
-    """
-    entries = []
-    for name in features:
-        entries.append(next((entry for entry in patterns if fnmatchcase(name, entry)), name))
-    return tuple(len(list(group)) for _, group in groupby(entries))
 
 
 def _check_examples(table: DetectorTable, hits: int, false_alarms: int) -> None:

@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -82,10 +83,6 @@ class _Look:
     scan: int
     distance: float  #: m, ground range from the array
     values: NDArray[np.float16]
-
-    def order(self) -> tuple[float, int]:
-        """Return what looks at an alarm are sorted by, the nearest first."""
-        return (self.distance, self.scan)
 
 
 def in_order(evidence: Evidence, rows: IndexArray) -> Evidence:
@@ -406,7 +403,7 @@ class EvidenceSums:
 
     def _keep_nearest(self, number: int, look: _Look) -> None:
         """Add a look at an alarm, and drop the farthest if there are too many."""
-        looks = sorted([*self._looks[number], look], key=_Look.order)
+        looks = sorted([*self._looks[number], look], key=attrgetter("distance", "scan"))
         self._looks[number] = looks[:MOST_SCANS]
 
 

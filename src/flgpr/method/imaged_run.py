@@ -15,7 +15,7 @@ import pandas as pd
 import xarray as xr
 
 from flgpr.clutter import Background
-from flgpr.engine import PlannedPass, group_of
+from flgpr.engine import group_of
 from flgpr.imaging import ScanImager
 from flgpr.method.alarm_sums import check_column_count
 from flgpr.method.evidence import MOST_GATHERED, EvidenceSums
@@ -148,7 +148,18 @@ class ImagedRun:
             self.mapper.substitute = lambda: "own" if self.replaces_map else ""
         self.screener = self._first_stage(ScreenStage)
         self.columns = [stage for stage in self.stages.values() if isinstance(stage, FeatureStage)]
-        self.steps = self._steps()
+        image_stages = {}
+        for name, stage in self.stages.items():
+            if isinstance(stage, FeatureStage) and stage.columns:
+                image_stages[name] = stage
+        self.steps = Steps(
+            recipe=self.recipe,
+            polarizations=self.polarizations,
+            subbands=list(self.recipe.image.subbands),
+            grid=self.near,
+            stages=image_stages,
+            detector=self.model.detector,
+        )
         if not self.untrained:
             names = self._column_names()
             check_confidence(recipe, names)
@@ -171,21 +182,6 @@ class ImagedRun:
                 return stage
         return None
 
-    def _steps(self) -> Steps:
-        """Make the steps that the recipe takes with images, a run-view and alarms."""
-        image_stages = {}
-        for name, stage in self.stages.items():
-            if isinstance(stage, FeatureStage) and stage.columns:
-                image_stages[name] = stage
-        return Steps(
-            recipe=self.recipe,
-            polarizations=self.polarizations,
-            subbands=list(self.recipe.image.subbands),
-            grid=self.near,
-            stages=image_stages,
-            detector=self.model.detector,
-        )
-
     @property
     def polarizations(self) -> list[str]:
         """Names of the polarizations that are imaged."""
@@ -205,23 +201,9 @@ class ImagedRun:
         return self.explains and self.imager.run is self.setup.run
 
     @property
-    def _all_stages(self) -> list[Stage]:
+    def all_stages(self) -> list[Stage]:
         """Clutter stages, which clean data before there are images, and all others."""
         return [*self.clutter_stages.values(), *self.stages.values()]
-
-    def stage_passes(self) -> list[PlannedPass]:
-        """List the passes that the recipe's stages need before the first image is cleaned."""
-        passes = []
-        for stage in self._all_stages:
-            passes += stage.passes()
-        return passes
-
-    def stage_notes(self) -> dict[str, Any]:
-        """Return figures worth reporting of the recipe's stages, once their passes are done."""
-        notes: dict[str, Any] = {}
-        for stage in self._all_stages:
-            notes |= stage.notes()
-        return notes
 
     # Images of scans
 

@@ -16,11 +16,15 @@ import pandas as pd
 
 from flgpr.method.detection import AS_LEARNT, MAIN, Detection
 from flgpr.method.evidence import in_order
-from flgpr.method.false_alarms import ABOVE, RateThreshold, own_threshold, training_threshold
 from flgpr.method.imaged_run import ImagedRun
-from flgpr.method.searched import seen_part
-from flgpr.method.sections import section_lane
-from flgpr.method.stands_out import what_stands_out
+from flgpr.method.sections import section_lane, seen_part
+from flgpr.method.stands_out import (
+    ABOVE,
+    RateThreshold,
+    own_threshold,
+    training_threshold,
+    what_stands_out,
+)
 from flgpr.recipe.make import fit_recipe
 from flgpr.recipe.schema import parse_recipe, seen_lane
 from flgpr.types import FloatArray
@@ -34,19 +38,16 @@ _DONE = {
 }
 
 
-def contrast_recipe(lane: ImagedRun) -> str:
-    """Return the text of the recipe that ranks by contrast on this run; "" where none can be made."""
+def contrast_lane(lane: ImagedRun) -> tuple[ImagedRun, str] | None:
+    """Return the lane as the recipe that ranks by contrast sees it, and the text of that recipe.
+
+    The pixels of the run-view stay the same. None where no recipe can be made for the run.
+    """
     try:
         text = fit_recipe(lane.run)
-        parse_recipe(text)
+        recipe = parse_recipe(text)
     except ValueError:
-        return ""
-    return text
-
-
-def contrast_lane(lane: ImagedRun, text: str) -> ImagedRun:
-    """Return the lane as the recipe of a text sees it, on the same pixels of the run-view."""
-    recipe = parse_recipe(text)
+        return None
     own = lane.recipe.run_view
     same = {"x": own.x, "y": own.y, "spacing": own.spacing}
     recipe = recipe.model_copy(
@@ -61,7 +62,8 @@ def contrast_lane(lane: ImagedRun, text: str) -> ImagedRun:
         }
     )
     section = replace(lane.section, threshold=None)
-    return ImagedRun(lane.run, recipe, lane.lane, section=section, explains=lane.explains)
+    contrast = ImagedRun(lane.run, recipe, lane.lane, section=section, explains=lane.explains)
+    return contrast, text
 
 
 def put_instead(
@@ -131,22 +133,16 @@ def describe_trust(lane: ImagedRun, detections: Sequence[Detection]) -> dict[str
     stands_out = what_stands_out(detections[0].alarms, ground, detector)
     described: dict[str, Any] = {"stands_out": stands_out.as_json()}
     if lane.trust.far is not None:
-        described["far"] = describe_threshold(lane, detections[0].alarms)
-    unlike = describe_unlike(lane, detections)
-    if unlike is not None:
-        described["unlike"] = unlike
-    return described
-
-
-def describe_unlike(lane: ImagedRun, detections: Sequence[Detection]) -> dict[str, Any] | None:
-    """Return what a manifest says of ground that is unlike the training; None without a model."""
+        described["far"] = rate_threshold(lane, detections[0].alarms).as_json(
+            int(detections[0].alarms[ABOVE].sum())
+        )
     comparison = lane.comparison
     if comparison is None:
-        return None
-    substitute = lane.substitute
+        return described
+
     alarms = detections[0].alarms
     more = []
-    if substitute and AS_LEARNT in alarms:
+    if lane.substitute and AS_LEARNT in alarms:
         known = int(alarms[AS_LEARNT].notna().sum())
         more.append(
             f"of {len(alarms)} alarms {known} were alarms as learnt, too: their confidence stays in "
@@ -155,11 +151,11 @@ def describe_unlike(lane: ImagedRun, detections: Sequence[Detection]) -> dict[st
     if len(detections) > 1:
         count = len(detections[1].alarms)
         more.append(f"all {count} alarms as learnt are in variants/{BESIDE}/alarms.csv")
-    described = comparison.as_json(_DONE[substitute], more)
-    described |= {"choice": lane.trust.unlike, "substitute": substitute}
+    unlike = comparison.as_json(_DONE[lane.substitute], more)
+    unlike |= {"choice": lane.trust.unlike, "substitute": lane.substitute}
     if len(detections) > 1:
-        described["recipe"] = detections[0].recipe_text
-    return described
+        unlike["recipe"] = detections[0].recipe_text
+    return described | {"unlike": unlike}
 
 
 def rate_threshold(lane: ImagedRun, alarms: pd.DataFrame) -> RateThreshold:
@@ -187,8 +183,3 @@ def mark_threshold(lane: ImagedRun, detection: Detection) -> Detection:
     threshold = rate_threshold(lane, detection.alarms).threshold
     above = detection.alarms["confidence"] > (np.inf if threshold is None else threshold)
     return replace(detection, alarms=detection.alarms.assign(**{ABOVE: above.astype(int)}))
-
-
-def describe_threshold(lane: ImagedRun, alarms: pd.DataFrame) -> dict[str, Any]:
-    """Return what a manifest says of the threshold for a false-alarm rate."""
-    return rate_threshold(lane, alarms).as_json(int(alarms[ABOVE].sum()))

@@ -102,20 +102,14 @@ class LaneMemory:
     """
 
     thread: float  #: a scan at work and the sums of its block, once for every thread
-    background: float  #: the images that a self-signature by the median holds
-    stages: float  #: what the recipe's stages take
     view: Grid  #: pixels of the run-view of the lane
-    per_pixel: float  #: run-views, for each of their pixels
-    per_alarm: float  #: features, for each alarm
-    density: float  #: alarms in the area of one
-    alarm_area: float  #: area of an alarm, m²
+    fixed: float  #: what does not depend on rows: program, a thread, images of a median, stages
+    per_pixel: float  #: run-views and their alarms, for each of their pixels
 
     def needed(self, rows: int | None = None) -> float:
         """Return the bytes for so many rows of the run-view at a time; by default for all."""
         pixels = self.view.nx * (self.view.ny if rows is None else rows)
-        alarms = self.density * pixels * self.view.dx * self.view.dy / self.alarm_area
-        run_views = self.per_pixel * pixels + self.per_alarm * alarms
-        return _PROGRAM + self.thread + self.background + run_views + self.stages
+        return self.fixed + self.per_pixel * pixels
 
 
 def lane_memory(sizes: Mapping[str, int], recipe: Recipe, lane: Lane) -> LaneMemory:
@@ -155,16 +149,12 @@ def lane_memory(sizes: Mapping[str, int], recipe: Recipe, lane: Lane) -> LaneMem
     stages = 0.0
     for stage in recipe.named().values():
         stages += stage.stage_class.memory(stage.settings, sizes, image)
-    return LaneMemory(
-        thread=thread,
-        background=background,
-        stages=stages,
-        view=view,
-        per_pixel=_PER_VIEW_PIXEL * (channels + view_channels) / 2,
-        per_alarm=_PER_ALARM * bands + _PER_VALUE * columns,
-        density=recipe.prescreen.density,
-        alarm_area=3.14 * recipe.prescreen.radius**2,
-    )
+    screen = recipe.prescreen
+    alarms_per_pixel = screen.density * view.dx * view.dy / (3.14 * screen.radius**2)
+    per_alarm = _PER_ALARM * bands + _PER_VALUE * columns
+    per_pixel = _PER_VIEW_PIXEL * (channels + view_channels) / 2
+    fixed = _PROGRAM + thread + background + stages
+    return LaneMemory(thread, view, fixed, per_pixel + per_alarm * alarms_per_pixel)
 
 
 def column_count(polarizations: int, recipe: Recipe, view: Grid) -> int:

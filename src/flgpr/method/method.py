@@ -18,31 +18,24 @@ is that of ``kernels/direct.py``, beyond single precision that of ``kernels/prec
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import xarray as xr
 
-from flgpr.engine import Engine, PlannedPass, blocks_of
+from flgpr.engine import Accumulator, Engine, PlannedPass, blocks_of
 from flgpr.method.detection import Detection, assemble, rank_alarms
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.instead import (
     contrast_lane,
-    contrast_recipe,
     mark_threshold,
     put_instead,
     rank_by_column,
 )
 from flgpr.method.model import Detector, Model
-from flgpr.method.passes.alarms import Maxima
-from flgpr.method.passes.explain import Explain
-from flgpr.method.passes.features import Features
-from flgpr.method.passes.frames import FrameAlarms
-from flgpr.method.passes.gain import GAIN_BACKGROUND
-from flgpr.method.passes.run_view import PlainRunView, RunView
-from flgpr.method.passes.signature import SelfSignaturePass
-from flgpr.method.passes.training import until_examples
+from flgpr.method.passes.background import GAIN_BACKGROUND, LaneClutter, SelfSignaturePass
+from flgpr.method.passes.features import Explain, Features
+from flgpr.method.passes.run_view import FrameAlarms, Maxima, PlainRunView, RunView
 from flgpr.method.passes.traversal import plan
-from flgpr.method.passes.unlike import LaneClutter
 from flgpr.method.sections import Section
 from flgpr.method.unlike import Trust
 from flgpr.model import Lane
@@ -57,7 +50,7 @@ def passes_of(lane: ImagedRun) -> list[PlannedPass]:
     For training they end where the first stage that has not learnt yet has its examples.
     """
     # What stages need of the raw data first, such as a field that stands still.
-    passes = lane.stage_passes()
+    passes = [planned for stage in lane.all_stages for planned in stage.passes()]
 
     # The background (clutter/streaming.py): the self-signature with the gain of every scan (Eq. 2;
     # with the recipe's self_signature = "none" the gain alone), and the gain background (Eq. 3 and
@@ -100,6 +93,28 @@ def passes_of(lane: ImagedRun) -> list[PlannedPass]:
     return until_examples(lane, passes) if lane.untrained else passes
 
 
+def until_examples(lane: ImagedRun, passes: Sequence[PlannedPass]) -> list[PlannedPass]:
+    """Return the passes up to the examples of the first stage that has not learnt yet.
+
+    A clutter stage learns from the data that the stages before it leave, a map from cleaned images,
+    and a screen and feature stages from the run-view, which needs no pass of theirs.
+    """
+    learner = lane.untrained[0]
+    kind = learner.partition(".")[0]
+    names = [planned.name for planned in passes]
+    if kind not in ("clutter", "map"):
+        return list(passes[: names.index("view") + 1])
+
+    def examples(_: range | None) -> Accumulator:
+        # The cleaned images exist only once the passes before have run.
+        if kind == "map":
+            return lane.mapper.examples(lane.truth, lane.coherent)
+        return lane.clutter_stages[learner].examples(lane.truth)
+
+    needed = passes[: names.index("gain") + 1 if kind == "map" else names.index("signature")]
+    return [*needed, PlannedPass(f"learn.{learner}", f"examples for {learner}", examples)]
+
+
 def engine_of(lane: ImagedRun) -> Engine:
     """Return the engine that runs the passes of a lane."""
     passes = passes_of(lane)
@@ -122,9 +137,9 @@ def detections_of(lane: ImagedRun) -> list[Detection]:
     """
     detections = [detection_of(lane)]
     if lane.substitute == "contrast":
-        text = contrast_recipe(lane)
-        if text:
-            contrast = contrast_lane(lane, text)
+        fitted = contrast_lane(lane)
+        if fitted is not None:
+            contrast, text = fitted
             engine_of(contrast).run()
             detections = put_instead(lane, detections[0], detection_of(contrast), text)
         else:

@@ -12,6 +12,7 @@ import xarray as xr
 
 import flgpr
 from flgpr.door import Folder
+from flgpr.engine import bundle_groups
 from flgpr.json_text import check_format
 from flgpr.method.classifier import Classifier
 from flgpr.method.estimators import TrainedEstimator
@@ -21,7 +22,7 @@ from flgpr.recipe.schema import Recipe
 from flgpr.store import Bundle, check_free_folder, sha256, write_bundle
 from flgpr.store.files import taken_for
 from flgpr.store.outputs import atomic_output
-from flgpr.types import AnyArray, Arrays
+from flgpr.types import AnyArray, Arrays, PathLike
 
 FORMAT = "flgpr-model"
 VERSION = 1
@@ -131,7 +132,7 @@ def of_another_array(model: Model | None, run: xr.Dataset) -> str:
 
 
 def save_model(
-    model: Model | Detector, folder: str | Path, notes: Mapping[str, Any] | None = None
+    model: Model | Detector, folder: PathLike, notes: Mapping[str, Any] | None = None
 ) -> Path:
     """Write a model as a folder with one bundle of arrays and JSON. A stop leaves no part of it.
 
@@ -171,18 +172,14 @@ def save_model(
     }
     if model.ground is not None:
         head["ground"] = model.ground.model_dump(mode="json")
-    arrays = {}
-    for stage, group in groups.items():
-        for name, array in group.items():
-            arrays[f"{stage}.{name}"] = array
     folder.parent.mkdir(parents=True, exist_ok=True)
     with atomic_output(folder, replace=True) as partial:
         partial.mkdir()
-        write_bundle(partial / MODEL_FILE, arrays, head, lasting=True)
+        write_bundle(partial / MODEL_FILE, bundle_groups(groups, "."), head, lasting=True)
     return folder
 
 
-def check_free_model(folder: str | Path) -> Path:
+def check_free_model(folder: PathLike) -> Path:
     """Return a folder in which a model may be written.
 
     Raises
@@ -193,7 +190,7 @@ def check_free_model(folder: str | Path) -> Path:
     return check_free_folder(folder, (MODEL_FILE,), "model")
 
 
-def read_model(folder: str | Path) -> bytes:
+def read_model(folder: PathLike) -> bytes:
     """Return the bytes of a model's file, whose SHA-256 stands for the model.
 
     Raises
@@ -213,7 +210,7 @@ def read_model(folder: str | Path) -> bytes:
         ) from None
 
 
-def load_model(folder: str | Path, digest: str | None = None) -> Model:
+def load_model(folder: PathLike, digest: str | None = None) -> Model:
     """Read a model that :func:`save_model` wrote. Nothing in the file can run.
 
     Parameters
@@ -240,7 +237,7 @@ def load_model(folder: str | Path, digest: str | None = None) -> Model:
     return parse_model(data, folder)
 
 
-def parse_model(data: bytes, folder: str | Path) -> Model:
+def parse_model(data: bytes, folder: PathLike) -> Model:
     """Return the model of the bytes that :func:`read_model` read from a folder.
 
     Parameters
@@ -261,34 +258,30 @@ def parse_model(data: bytes, folder: str | Path) -> Model:
         If they are no model of this version, or one that was altered.
     """
     try:
-        return _restored(Bundle(Path(folder) / MODEL_FILE, data))
+        bundle = Bundle(Path(folder) / MODEL_FILE, data)
+        head = bundle.about
+        check_format(head, FORMAT, VERSION)
+        groups: dict[str, Arrays] = {name: {} for name in [*_stage_names(head), DETECTOR]}
+        for name, array in bundle.items():
+            stage, _, array_name = name.rpartition(".")
+            groups[stage][array_name] = array
+        detector_arrays = groups.pop(DETECTOR)
+        notes = dict(head["notes"])
+        detector: Detector | None = None
+        if head["detector"] is not None:
+            kind = Classifier if head["detector"]["estimator"] == "fisher" else TrainedEstimator
+            detector = kind.restored(head["detector"], detector_arrays, notes)
+        elif detector_arrays:
+            raise ValueError(
+                f"it holds {len(detector_arrays)} arrays of a detector that it does not name"
+            )
+        ground = head.get("ground")
+        known = None if ground is None else TrainingGround.model_validate(ground)
+        return Model(detector, groups, notes, known)
     except ValueError as error:
         raise ValueError(f"model {folder}: {error}") from None
     except Exception as error:  # parsers raise whatever they stumble over
         raise ValueError(f"model {folder}: it cannot be read ({error!r})") from None
-
-
-def _restored(bundle: Bundle) -> Model:
-    """Return the model that a bundle holds."""
-    head = bundle.about
-    check_format(head, FORMAT, VERSION)
-    groups: dict[str, Arrays] = {name: {} for name in [*_stage_names(head), DETECTOR]}
-    for name, array in bundle.items():
-        stage, _, array_name = name.rpartition(".")
-        groups[stage][array_name] = array
-    detector_arrays = groups.pop(DETECTOR)
-    notes = dict(head["notes"])
-    detector: Detector | None = None
-    if head["detector"] is not None:
-        kind = Classifier if head["detector"]["estimator"] == "fisher" else TrainedEstimator
-        detector = kind.restored(head["detector"], detector_arrays, notes)
-    elif detector_arrays:
-        raise ValueError(
-            f"it holds {len(detector_arrays)} arrays of a detector that it does not name"
-        )
-    ground = head.get("ground")
-    known = None if ground is None else TrainingGround.model_validate(ground)
-    return Model(detector, groups, notes, known)
 
 
 def _stage_names(head: Mapping[str, Any]) -> list[str]:
@@ -300,7 +293,7 @@ def _stage_names(head: Mapping[str, Any]) -> list[str]:
     return list(names)
 
 
-def describe_model(folder: str | Path) -> dict[str, Any]:
+def describe_model(folder: PathLike) -> dict[str, Any]:
     """Return what a model holds by its head alone: none of its arrays is read.
 
     Returns

@@ -3,23 +3,28 @@
 Backgrounds are estimated over the whole run, the density rule counts over the whole lane, and every
 section reads rows beyond its own. So sections together hold the run-view and the alarms that the
 lane in one piece would. How many there are follows from the memory (``method/memory.py``).
+
+Which ground a detection searches, why this ground, and what of it no scan sees.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
 from flgpr.method.memory import LaneMemory, lane_memory
 from flgpr.model import Lane
-from flgpr.recipe.schema import Recipe
+from flgpr.recipe.schema import LEAST_LOOKS, Recipe, seen_lane
 from flgpr.screen import view_threshold
 from flgpr.store.store_layout import MAX_MEMORY
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 SHORTEST = 50.0
 """Length of a lane for which there must be memory, m."""
@@ -252,3 +257,65 @@ def lane_threshold(recipe: Recipe, lane: Lane, maxima: pd.DataFrame, pixels_seen
     grid = recipe.run_view.grid(lane)
     area = pixels_seen * grid.dx * grid.dy
     return view_threshold(maxima, lane, area, screen.radius, screen.density, screen.count)
+
+
+SEEN = f"the ground that {LEAST_LOOKS} scans or more see"
+"""Source of a lane that follows from the run."""
+_WORTH_SAYING = 0.05
+"""Ground along the track that is worth a word, m."""
+
+
+def _stretches(first: float, last: float, inner_first: float, inner_last: float) -> list[str]:
+    """Return in words what of an interval lies outside another, m."""
+    stretches = []
+    if inner_first - first > _WORTH_SAYING:
+        stretches.append(f"{first:.1f} to {min(inner_first, last):.1f} m")
+    if last - inner_last > _WORTH_SAYING:
+        stretches.append(f"{max(inner_last, first):.1f} to {last:.1f} m")
+    return stretches
+
+
+def seen_part(lane: Lane, seen: Lane) -> Lane | None:
+    """Return the part of a lane within what is seen along the track; None where there is none."""
+    y_min = max(lane.y_min, seen.y_min)
+    y_max = min(lane.y_max, seen.y_max)
+    return replace(lane, y_min=y_min, y_max=y_max) if y_max > y_min else None
+
+
+def describe_searched(run: xr.Dataset, recipe: Recipe, lane: Lane, source: str) -> dict[str, Any]:
+    """Compare the lane that is searched with the ground that a run sees.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        The run.
+    recipe : Recipe
+        The recipe; its image and run-view say how far a scan sees.
+    lane : Lane
+        Ground that is searched.
+    source : str
+        Where its borders come from; "" is the recipe, or the ground that the run sees.
+
+    Returns
+    -------
+    dict
+        The source of the lane, the ground that is seen, and in words what is searched, what is seen
+        besides, and what cannot be searched.
+    """
+    if not source:
+        source = "the recipe's lane" if recipe.lane is not None else SEEN
+    borders = f"x {lane.x_min:.2f} to {lane.x_max:.2f} m, y {lane.y_min:.1f} to {lane.y_max:.1f} m"
+    notes = [f"searched: {borders} ({source})"]
+    seen = seen_lane(run, recipe)
+    seen_y = (seen.y_min, seen.y_max)
+    stretches = {
+        "seen and not searched: y": _stretches(*seen_y, lane.y_min, lane.y_max),
+        "in the lane and seen by no scan: y": _stretches(lane.y_min, lane.y_max, *seen_y),
+        "in the lane and outside the run-view: x": _stretches(
+            lane.x_min, lane.x_max, *recipe.run_view.x
+        ),
+    }
+    for what, found in stretches.items():
+        if found:
+            notes.append(f"{what} {' and '.join(found)}")
+    return {"source": source, "seen_y_m": list(seen_y), "notes": notes}

@@ -16,7 +16,14 @@ from flgpr.model import (
     sensor_presets,
     unambiguous_path,
 )
-from flgpr.recipe.lengths import PAPERS_HEIGHT, length_at, reason_for
+from flgpr.recipe.lengths import (
+    PAPERS_HEIGHT,
+    divide,
+    divisions_like,
+    length_at,
+    pieces_of,
+    reason_for,
+)
 from flgpr.recipe.radar_setup import (
     FEWEST_SCANS,
     SCAN_SPACING,
@@ -25,7 +32,6 @@ from flgpr.recipe.radar_setup import (
     allow_features,
 )
 from flgpr.recipe.schema import Recipe
-from flgpr.recipe.subbands import divide, divisions_like, least_width, widest_piece
 
 # Lengths of the array of Wang et al. 2007, 5 m high, m.
 _PAPERS = {"radius": 0.75, "patch": 2.5, "mean": 2.55}
@@ -52,9 +58,15 @@ _STEP_UNIT = 0.05  # m, to which it is rounded
 
 
 @dataclass(frozen=True)
-class _Choice:
-    """The figures of a recipe; distances count from the middle of the antennas."""
+class Figures:
+    """What of a recipe follows from a run.
 
+    ``half``, ``reach`` and ``far`` count from the middle of the antennas, and the properties as the
+    recipe does: images in the scan frame, the run-view in the lane frame.
+    """
+
+    setup: RadarSetup  #: the run
+    method: _Method  #: what it was chosen for
     bands: dict[str, Band]  #: sub-bands, Hz
     subband: str  #: that of the prescreener
     half: float  #: half width of the images, m
@@ -62,37 +74,212 @@ class _Choice:
     far: float  #: distance ahead at which images end, m
     fine: float  #: spacing of the images, m
     coarse: float  #: spacing of the run-view, m
-    method: _Method  #: what it was chosen for
-    whole: bool  #: whether the only sub-band is that of a model
+    whole: bool = False  #: whether the only sub-band is that of a model
 
+    @property
+    def has_features(self) -> bool:
+        """Whether the polarizations allow the ten features."""
+        return allow_features(self.setup.polarizations)
 
-@dataclass(frozen=True)
-class Figures:
-    """What of a recipe follows from a run; distances as in the recipe."""
+    @property
+    def described(self) -> str:
+        """What a recipe was made from, a text of two lines of comment."""
+        counts = f"{len(self.setup.poses)} complete scans and {len(self.setup.tx)} pairs"
+        if self.setup.aperture:
+            counts = f"{len(self.setup.tx)} places of antennas, one aperture"
+        labels = ", ".join(self.setup.polarizations)
+        return (
+            f"from a run of {counts}, {labels}, {self._band_text} in steps of\n"
+            f"# {self.setup.step / 1e6:.4g} MHz, antennas {self.setup.height:.2f} m high."
+        )
 
-    described: str  #: what the recipe was made from
-    fitted_to: str  #: the same in a few words
-    aperture: bool  #: whether all scans are one synthetic aperture
-    drives: bool  #: whether the mean scan is the self-signature
-    early: bool  #: whether the stage "early" takes the ground's echo out
-    polarizations: list[str]  #: those that the run has
-    has_features: bool  #: whether the polarizations allow the ten features
-    image_x: Band  #: borders of the images across, m in the scan frame
-    image_y: Band  #: borders of the images ahead, m in the scan frame
-    fine: float  #: spacing of the images, m
-    window: str  #: that of the images
-    bands: dict[str, Band]  #: sub-bands, Hz
-    edges: dict[str, Band]  #: sub-bands as they are written, Hz
-    median_step: int  #: pixels between those of the background's median
-    step: float  #: between the pixels of a chip, m
-    scan_step: float  #: usual distance between scans, m
-    lengths: dict[str, float]  #: that follow the height, m: see ``recipe/lengths.py``
-    view_x: Band  #: borders of the run-view across, m in the lane frame
-    coarse: float  #: spacing of the run-view, m
-    y_max: float  #: how far ahead looks count, m in the scan frame
-    polarization: str  #: that of the prescreener
-    subband: str  #: that of the prescreener
-    reasons: dict[str, str]  #: the reason for each entry, by table and entry
+    @property
+    def fitted_to(self) -> str:
+        """What a recipe is fitted to, in a few words."""
+        labels = ", ".join(self.setup.polarizations)
+        return f"fitted to {labels}, {self._band_text}, antennas {self.setup.height:.2f} m high"
+
+    @property
+    def image_x(self) -> Band:
+        """The borders of the images across, m in the scan frame."""
+        half = round(self.half, 2)
+        return -half, half
+
+    @property
+    def image_y(self) -> Band:
+        """The borders of the images ahead, m in the scan frame."""
+        nearest = self.method.near * self.setup.height
+        return _rounded(self.setup.ahead + nearest), _rounded(self.setup.ahead + self.far)
+
+    @property
+    def edges(self) -> dict[str, Band]:
+        """The sub-bands as a recipe writes them, Hz: edges that are no tone to six digits."""
+        edges = {}
+        for name, (low, high) in self.bands.items():
+            edges[name] = (_edge(self.setup, low), _edge(self.setup, high))
+        return edges
+
+    @property
+    def median_step(self) -> int:
+        """The distance between the pixels of the background's median, in pixels."""
+        return max(round(MEDIAN_STEP / self.fine), 1)
+
+    @property
+    def step(self) -> float:
+        """The distance between the pixels of a chip, m: half a wavelength in the middle."""
+        edges = [edge for band in self.bands.values() for edge in band]
+        half_wave = SPEED_OF_LIGHT / (min(edges) + max(edges))
+        least, most = _STEP
+        step = _STEP_UNIT * round(min(max(half_wave, least), most) / _STEP_UNIT)
+        return round(step, 2)
+
+    @property
+    def view_x(self) -> Band:
+        """The borders of the run-view across, m in the lane frame."""
+        x = float(np.median(self.setup.poses[:, 0]))
+        half = min(_HALF_VIEW, self.half)
+        left, right = x - half, x + half
+        if self.setup.aperture:
+            nearest, _ = self.image_y
+            corners = []
+            for side in (-self.half, self.half):
+                for ahead in (nearest, self.y_max):
+                    corners.append((side, ahead, 0.0))
+            covered = scan_to_lane(corners, self.setup.poses[0])[:, 0]
+            left, right = float(covered.min()), float(covered.max())
+        return round(left, 2), round(right, 2)
+
+    @property
+    def y_max(self) -> float:
+        """How far ahead looks count, m in the scan frame."""
+        return _rounded(self.setup.ahead + self.reach)
+
+    @property
+    def polarization(self) -> str:
+        """The polarization of the prescreener."""
+        return next(
+            label for label in ("HH", "VV", "HV", "VH") if label in self.setup.polarizations
+        )
+
+    @property
+    def reasons(self) -> dict[str, str]:
+        """The reason for each entry that follows from the run, by table and entry."""
+        reasons = self._image_reasons | self._view_reasons
+        own = self.method.own
+        for entry, name in _LENGTHS_OF.items():
+            if entry in own:
+                reasons[name] = "as in Wang et al. 2007"
+                if not self.setup.aperture:
+                    reasons[name] = reason_for(entry, own[entry], self.method.own_height)
+        if self.method.model is not None:
+            reasons |= self._map_reasons
+        if self.whole:
+            reasons["image.subbands"] = (
+                "the model's band where the run has it, else all of the run's"
+            )
+        if self.whole or self.method.model is not None:
+            reasons["image.spacing"] = (
+                "a quarter of the finest resolution of its sub-bands, but 0.02 to 0.05 m"
+            )
+            reasons["run_view.spacing"] = (
+                f"a quarter of the resolution that {self.subband} has in the middle, but 0.05 to "
+                "0.1 m"
+            )
+        signature = f"the mean of fewer than {FEWEST_SCANS} scans {SCAN_SPACING:g} m apart holds the targets"
+        if self.setup.drives:
+            signature = "the vehicle drives on, so the mean scan holds little of any target"
+        reasons["background.self_signature"] = signature
+        reasons["clutter"] = (
+            "no self-signature is taken, so what arrives before the first pixel is taken out: direct "
+            "wave and ground under the antennas"
+        )
+        return reasons
+
+    @property
+    def _image_reasons(self) -> dict[str, str]:
+        """The reason for each entry of the images."""
+        sides = (
+            f"{_ASIDE} antenna heights to either side, but {_LEAST_HALF:g} to {2 * _HALF_VIEW:g} m"
+        )
+        if self.setup.aperture:
+            sides = (
+                f"half the way across, and {_HALF_VIEW:g} m or {_ASIDE} antenna heights and half a "
+                "patch to either side of it"
+            )
+        window = (
+            "its low sidelobes keep the direct coupling out, for no self-signature is subtracted"
+        )
+        if self.setup.drives:
+            window = (
+                "as in Wang et al. 2007: subtracting the self-signature removes the direct coupling"
+            )
+        near = self.method.near
+        incidence = round(math.degrees(math.atan(near)))
+        begin = f"{near} antenna heights ahead (incidence {incidence} degrees)"
+        if near != _NEAR:
+            begin += f", not {_NEAR}: nothing takes the ground's echo out"
+        return {
+            "image.x": sides,
+            "image.y": f"from {begin} to what y_max needs around it",
+            "image.spacing": "two thirds of the finest resolution, but 0.01 to 0.05 m",
+            "image.window": window,
+            "image.subbands": (
+                "equal parts of the run's band, as many as keep a range cell of 25 cm; F0 is all of it"
+            ),
+            "image.frames": (
+                "the radar moves across what it looks at: all scans are one synthetic aperture"
+            ),
+        }
+
+    @property
+    def _view_reasons(self) -> dict[str, str]:
+        """The reason for each entry of the run-view and of the prescreener."""
+        half = min(_HALF_VIEW, self.half)
+        extent = f"{half:g} m to either side of the vehicle's course"
+        count = "alarms are as dense in the lane, whatever lies beside it"
+        if self.setup.aperture:
+            extent = "what the image covers"
+            count = "all that the image covers is searched"
+        return {
+            "run_view.x": f"{extent}; it is as long as the lane",
+            "run_view.spacing": (
+                f"two thirds of the resolution that {self.subband} has in the middle, but 0.01 to "
+                "0.1 m"
+            ),
+            "run_view.y_max": (
+                f"{_most_heights(self.setup):g} antenna heights, or as far as {self.subband} resolves "
+                f"{_ALARM_RADIUS} m across"
+            ),
+            "prescreen.polarization": "co-polarized if the run has it, HH before VV",
+            "prescreen.subband": (
+                f"the lowest part that resolves {_ALARM_RADIUS} m across, {_MIDDLE:g} antenna heights "
+                "ahead"
+            ),
+            "prescreen.count": count,
+        }
+
+    @property
+    def _map_reasons(self) -> dict[str, str]:
+        """The reason for each entry that is another one for a map."""
+        gap = _gap(self.setup.height, self.method.near)
+        ring = 2 * self.method.lengths["outer"]
+        narrowest = min(high - low for low, high in self.bands.values())
+        cell = SPEED_OF_LIGHT / narrowest
+        longest = _longest_cell(self.setup, self.method)
+        held = "shorter" if cell <= longest else "but not shorter, for want of band,"
+        return {
+            "image.subbands": (
+                f"range cells of at most {cell:.2g} m, {held} than the gap in path from the ground's "
+                f"echo to the first pixel, {gap:.2g} m, and than the contrast's ring, {ring:.2g} m"
+            ),
+            "map.step": (
+                f"half a wavelength in the middle of its sub-bands, but {_STEP[0]:g} to {_STEP[1]:g} m"
+            ),
+        }
+
+    @property
+    def _band_text(self) -> str:
+        return f"{self.setup.tones[0] / 1e9:.6g} to {self.setup.tones[-1] / 1e9:.6g} GHz"
 
 
 @dataclass(frozen=True)
@@ -105,9 +292,8 @@ class _Method:
     own: dict[str, float]  #: lengths of the method for its own array, m
     own_height: float  #: height of that array, m
     lengths: dict[str, float]  #: the same for the array of the run
-    model: Recipe | None = (
-        None  #: recipe with a map of simulated signatures, whose sub-bands it has
-    )
+    #: recipe with a map of simulated signatures, whose sub-bands it has
+    model: Recipe | None = None
 
     @property
     def beyond(self) -> float:
@@ -131,47 +317,34 @@ def figures_of(setup: RadarSetup, model: Recipe | None = None) -> Figures:
         If the antennas are not above the ground, or the tones are too few or too far apart to make
         an image.
     """
-    method = _method_of(setup, model)
-    whole = _whole_band(setup, model)
-    if method.model:
-        choice = _choose_like(setup, method)
-    else:
-        choice = replace(_choose(setup, method, whole), whole=whole is not None)
-    return Figures(
-        described=_described(setup),
-        fitted_to=_fitted_to(setup),
-        aperture=setup.aperture,
-        drives=setup.drives,
-        early=method.early,
-        polarizations=setup.polarizations,
-        has_features=allow_features(setup.polarizations),
-        image_x=_image_x(choice),
-        image_y=_image_y(setup, choice),
-        fine=choice.fine,
-        window=method.window,
-        bands=choice.bands,
-        edges=_edges(setup, choice),
-        median_step=_median_step(choice),
-        step=_chip_step(choice),
-        scan_step=setup.scan_step,
-        lengths=method.lengths,
-        view_x=_view_x(setup, choice),
-        coarse=choice.coarse,
-        y_max=_last_look(setup, choice),
-        polarization=_polarization_of(setup.polarizations),
-        subband=choice.subband,
-        reasons=_reasons_for(setup, choice),
+    height = setup.height
+    if not height >= 0.05:
+        raise ValueError(
+            f"run.pose must put the antennas at least 0.05 m above the ground, got {height:.3g} m"
+        )
+    own, own_height = _own_lengths(model)
+    lengths = {}
+    for entry, length in own.items():
+        lengths[entry] = length
+        if not setup.aperture:  # which resolves by its own length, not by its height
+            lengths[entry] = length_at(height, entry, length, own_height)
+    resolves = SPEED_OF_LIGHT / max(
+        float(np.ptp(piece)) for piece in pieces_of(setup.tones)
+    ) < _gap(height, _NEAR)
+    early = resolves and not setup.drives and not setup.aperture
+    method = _Method(
+        window=_window_of(setup, model),
+        early=early,
+        near=_NEAR if setup.drives or early else _NEAR_UNCLEAN,
+        own=own,
+        own_height=own_height,
+        lengths=lengths,
+        model=model if "outer" in own else None,
     )
-
-
-def _window_of(setup: RadarSetup, model: Recipe | None) -> str:
-    """Return the window of the images: one of low sidelobes where no self-signature is subtracted.
-
-    A model recipe whose window has low sidelobes hands its own on.
-    """
-    if model is not None and model.image.window != "boxcar":
-        return model.image.window
-    return "boxcar" if setup.drives else "hann"
+    if method.model:
+        return _choose_like(setup, method)
+    whole = _whole_band(setup, model)
+    return replace(_choose(setup, method, whole), whole=whole is not None)
 
 
 def _whole_band(setup: RadarSetup, model: Recipe | None) -> dict[str, Band] | None:
@@ -185,36 +358,21 @@ def _whole_band(setup: RadarSetup, model: Recipe | None) -> dict[str, Band] | No
     return {name: (low, high) if first <= low and high <= last else (first, last)}
 
 
-def _method_of(setup: RadarSetup, model: Recipe | None) -> _Method:
-    """Return what the figures depend on beside the run; a ValueError without a height."""
-    height = setup.height
-    if not height >= 0.05:
-        raise ValueError(
-            f"run.pose must put the antennas at least 0.05 m above the ground, got {height:.3g} m"
-        )
-    own, own_height = _own_lengths(model)
-    lengths = {}
-    for entry, length in own.items():
-        lengths[entry] = length
-        if not setup.aperture:  # which resolves by its own length, not by its height
-            lengths[entry] = length_at(height, entry, length, own_height)
-    resolves = SPEED_OF_LIGHT / widest_piece(setup.tones) < _gap(height, _NEAR)
-    early = resolves and not setup.drives and not setup.aperture
-    return _Method(
-        window=_window_of(setup, model),
-        early=early,
-        near=_NEAR if setup.drives or early else _NEAR_UNCLEAN,
-        own=own,
-        own_height=own_height,
-        lengths=lengths,
-        model=model if "outer" in own else None,
-    )
+def _window_of(setup: RadarSetup, model: Recipe | None) -> str:
+    """Return the window of the images: one of low sidelobes where no self-signature is subtracted.
+
+    A model recipe whose window has low sidelobes hands its own on.
+    """
+    if model is not None and model.image.window != "boxcar":
+        return model.image.window
+    return "boxcar" if setup.drives else "hann"
 
 
 def _own_lengths(model: Recipe | None) -> tuple[dict[str, float], float]:
     """Return the lengths of a method for its own array, and the height of that array, m.
 
-    Those of a model without a map of simulated signatures, or for an array that is not packaged, stay as they are.
+    Those of a model without a map of simulated signatures, or for an array that is not packaged,
+    stay as they are.
     """
     if model is None:
         return _PAPERS, PAPERS_HEIGHT
@@ -255,11 +413,11 @@ def _longest_cell(setup: RadarSetup, method: _Method) -> float:
     return min(_gap(setup.height, method.near), 2 * method.lengths["outer"])
 
 
-def _choose_like(setup: RadarSetup, method: _Method) -> _Choice:
+def _choose_like(setup: RadarSetup, method: _Method) -> Figures:
     """Choose the figures for the method of a recipe with a map."""
     if method.model is None:
         raise ValueError("method must be that of a recipe with a map, got one without")
-    least = least_width(_longest_cell(setup, method))
+    least = SPEED_OF_LIGHT / _longest_cell(setup, method)
     divisions = list(divisions_like(setup.tones, method.model.image.subbands, least))
     for bands in divisions[:-1]:
         try:
@@ -269,7 +427,7 @@ def _choose_like(setup: RadarSetup, method: _Method) -> _Choice:
     return _choose(setup, method, divisions[-1])
 
 
-def _choose(setup: RadarSetup, method: _Method, given: dict[str, Band] | None = None) -> _Choice:
+def _choose(setup: RadarSetup, method: _Method, given: dict[str, Band] | None = None) -> Figures:
     """Choose the figures of a recipe; a ValueError if the run allows no image.
 
     With sub-bands that are given the last of them limits the looks.
@@ -299,7 +457,7 @@ def _choose(setup: RadarSetup, method: _Method, given: dict[str, Band] | None = 
         spacings = _spacing(_MAP_PIXEL * fine, 0.02, 0.05), _spacing(_MAP_PIXEL * coarse, 0.05, 0.1)
     else:
         spacings = _spacing(_PIXEL * fine, 0.01, 0.05), _spacing(_PIXEL * coarse, 0.01, 0.1)
-    return _Choice(bands, subband, half, reach, far, *spacings, method, whole=False)
+    return Figures(setup, method, bands, subband, half, reach, far, *spacings)
 
 
 def _half_width(setup: RadarSetup, method: _Method) -> float:
@@ -309,15 +467,6 @@ def _half_width(setup: RadarSetup, method: _Method) -> float:
         across = float(np.ptp(setup.tx[:, 0]))
         return across / 2 + max(aside, _HALF_VIEW) + method.lengths["patch"] / 2
     return min(max(aside, _LEAST_HALF), 2 * _HALF_VIEW)
-
-
-def _chip_step(choice: _Choice) -> float:
-    """Return the distance between the pixels of a chip, m: half a wavelength in the middle."""
-    edges = [edge for band in choice.bands.values() for edge in band]
-    half_wave = SPEED_OF_LIGHT / (min(edges) + max(edges))
-    least, most = _STEP
-    step = _STEP_UNIT * round(min(max(half_wave, least), most) / _STEP_UNIT)
-    return round(step, 2)
 
 
 def _most_heights(setup: RadarSetup) -> float:
@@ -394,14 +543,6 @@ def _spacing(wanted: float, least: float, most: float) -> float:
     return min((spacing for spacing in _SPACINGS if least <= spacing <= most), key=off)
 
 
-def _edges(setup: RadarSetup, choice: _Choice) -> dict[str, Band]:
-    """Return the sub-bands as a recipe writes them, Hz: edges that are no tone to six digits."""
-    edges = {}
-    for name, (low, high) in choice.bands.items():
-        edges[name] = (_edge(setup, low), _edge(setup, high))
-    return edges
-
-
 def _edge(setup: RadarSetup, edge: float) -> float:
     return float(edge) if edge in setup.tones else float(f"{edge:.6g}")
 
@@ -411,108 +552,9 @@ def pixels_of(lengths: Sequence[float], spacing: float) -> list[int]:
     return [2 * round((length / spacing - 1) / 2) + 1 for length in lengths]
 
 
-def _median_step(choice: _Choice) -> int:
-    """Return the distance between the pixels of the background's median, in pixels."""
-    return max(round(MEDIAN_STEP / choice.fine), 1)
-
-
 def _rounded(distance: float) -> float:
     """Round a distance to 5 cm."""
     return round(20 * distance) / 20
-
-
-def _image_x(choice: _Choice) -> Band:
-    """Return the borders of the images across, m in the scan frame."""
-    half = round(choice.half, 2)
-    return -half, half
-
-
-def _image_y(setup: RadarSetup, choice: _Choice) -> Band:
-    """Return the borders of the images ahead, m in the scan frame."""
-    nearest = choice.method.near * setup.height
-    return _rounded(setup.ahead + nearest), _rounded(setup.ahead + choice.far)
-
-
-def _last_look(setup: RadarSetup, choice: _Choice) -> float:
-    """Return how far ahead looks count, m in the scan frame."""
-    return _rounded(setup.ahead + choice.reach)
-
-
-def _view_x(setup: RadarSetup, choice: _Choice) -> Band:
-    """Return the borders of the run-view across, m in the lane frame."""
-    x = float(np.median(setup.poses[:, 0]))
-    half = min(_HALF_VIEW, choice.half)
-    left, right = x - half, x + half
-    if setup.aperture:
-        nearest, _ = _image_y(setup, choice)
-        corners = []
-        for side in (-choice.half, choice.half):
-            for ahead in (nearest, _last_look(setup, choice)):
-                corners.append((side, ahead, 0.0))
-        covered = scan_to_lane(corners, setup.poses[0])[:, 0]
-        left, right = float(covered.min()), float(covered.max())
-    return round(left, 2), round(right, 2)
-
-
-def _polarization_of(labels: Sequence[str]) -> str:
-    """Return the polarization of the prescreener."""
-    return next(label for label in ("HH", "VV", "HV", "VH") if label in labels)
-
-
-def _described(setup: RadarSetup) -> str:
-    """Return what a recipe was made from, a text of two lines of comment."""
-    counts = f"{len(setup.poses)} complete scans and {len(setup.tx)} pairs"
-    if setup.aperture:
-        counts = f"{len(setup.tx)} places of antennas, one aperture"
-    labels = ", ".join(setup.polarizations)
-    return (
-        f"from a run of {counts}, {labels}, {_band_text(setup)} in steps of\n"
-        f"# {setup.step / 1e6:.4g} MHz, antennas {setup.height:.2f} m high."
-    )
-
-
-def _fitted_to(setup: RadarSetup) -> str:
-    """Return what a recipe is fitted to, in a few words."""
-    labels = ", ".join(setup.polarizations)
-    return f"fitted to {labels}, {_band_text(setup)}, antennas {setup.height:.2f} m high"
-
-
-def _band_text(setup: RadarSetup) -> str:
-    return f"{setup.tones[0] / 1e9:.6g} to {setup.tones[-1] / 1e9:.6g} GHz"
-
-
-def _reasons_for(setup: RadarSetup, choice: _Choice) -> dict[str, str]:
-    """Return the reason for each entry that follows from the run, by table and entry."""
-    reasons = _image_reasons(setup, choice) | _view_reasons(setup, choice)
-    own = choice.method.own
-    for entry, name in _LENGTHS_OF.items():
-        if entry in own:
-            reasons[name] = "as in Wang et al. 2007"
-            if not setup.aperture:
-                reasons[name] = reason_for(entry, own[entry], choice.method.own_height)
-    if choice.method.model is not None:
-        reasons |= _map_reasons(setup, choice)
-    if choice.whole:
-        reasons["image.subbands"] = "the model's band where the run has it, else all of the run's"
-    if choice.whole or choice.method.model is not None:
-        reasons["image.spacing"] = (
-            "a quarter of the finest resolution of its sub-bands, but 0.02 to 0.05 m"
-        )
-        reasons["run_view.spacing"] = (
-            f"a quarter of the resolution that {choice.subband} has in the middle, but 0.05 to "
-            "0.1 m"
-        )
-    signature = (
-        f"the mean of fewer than {FEWEST_SCANS} scans {SCAN_SPACING:g} m apart holds the targets"
-    )
-    if setup.drives:
-        signature = "the vehicle drives on, so the mean scan holds little of any target"
-    reasons["background.self_signature"] = signature
-    reasons["clutter"] = (
-        "no self-signature is taken, so what arrives before the first pixel is taken out: direct "
-        "wave and ground under the antennas"
-    )
-    return reasons
 
 
 _LENGTHS_OF = {
@@ -524,81 +566,3 @@ _LENGTHS_OF = {
     "outer": "map.outer",
 }
 """Entries of a recipe whose length follows the height."""
-
-
-def _image_reasons(setup: RadarSetup, choice: _Choice) -> dict[str, str]:
-    """Return the reason for each entry of the images."""
-    sides = f"{_ASIDE} antenna heights to either side, but {_LEAST_HALF:g} to {2 * _HALF_VIEW:g} m"
-    if setup.aperture:
-        sides = (
-            f"half the way across, and {_HALF_VIEW:g} m or {_ASIDE} antenna heights and half a "
-            "patch to either side of it"
-        )
-    window = "its low sidelobes keep the direct coupling out, for no self-signature is subtracted"
-    if setup.drives:
-        window = (
-            "as in Wang et al. 2007: subtracting the self-signature removes the direct coupling"
-        )
-    near = choice.method.near
-    incidence = round(math.degrees(math.atan(near)))
-    begin = f"{near} antenna heights ahead (incidence {incidence} degrees)"
-    if near != _NEAR:
-        begin += f", not {_NEAR}: nothing takes the ground's echo out"
-    return {
-        "image.x": sides,
-        "image.y": f"from {begin} to what y_max needs around it",
-        "image.spacing": "two thirds of the finest resolution, but 0.01 to 0.05 m",
-        "image.window": window,
-        "image.subbands": (
-            "equal parts of the run's band, as many as keep a range cell of 25 cm; F0 is all of it"
-        ),
-        "image.frames": (
-            "the radar moves across what it looks at: all scans are one synthetic aperture"
-        ),
-    }
-
-
-def _view_reasons(setup: RadarSetup, choice: _Choice) -> dict[str, str]:
-    """Return the reason for each entry of the run-view and of the prescreener."""
-    half = min(_HALF_VIEW, choice.half)
-    extent = f"{half:g} m to either side of the vehicle's course"
-    count = "alarms are as dense in the lane, whatever lies beside it"
-    if setup.aperture:
-        extent = "what the image covers"
-        count = "all that the image covers is searched"
-    return {
-        "run_view.x": f"{extent}; it is as long as the lane",
-        "run_view.spacing": (
-            f"two thirds of the resolution that {choice.subband} has in the middle, but 0.01 to "
-            "0.1 m"
-        ),
-        "run_view.y_max": (
-            f"{_most_heights(setup):g} antenna heights, or as far as {choice.subband} resolves "
-            f"{_ALARM_RADIUS} m across"
-        ),
-        "prescreen.polarization": "co-polarized if the run has it, HH before VV",
-        "prescreen.subband": (
-            f"the lowest part that resolves {_ALARM_RADIUS} m across, {_MIDDLE:g} antenna heights "
-            "ahead"
-        ),
-        "prescreen.count": count,
-    }
-
-
-def _map_reasons(setup: RadarSetup, choice: _Choice) -> dict[str, str]:
-    """Return the reason for each entry that is another one for a map."""
-    gap = _gap(setup.height, choice.method.near)
-    ring = 2 * choice.method.lengths["outer"]
-    narrowest = min(high - low for low, high in choice.bands.values())
-    cell = SPEED_OF_LIGHT / narrowest
-    longest = _longest_cell(setup, choice.method)
-    held = "shorter" if cell <= longest else "but not shorter, for want of band,"
-    return {
-        "image.subbands": (
-            f"range cells of at most {cell:.2g} m, {held} than the gap in path from the ground's "
-            f"echo to the first pixel, {gap:.2g} m, and than the contrast's ring, {ring:.2g} m"
-        ),
-        "map.step": (
-            f"half a wavelength in the middle of its sub-bands, but {_STEP[0]:g} to {_STEP[1]:g} m"
-        ),
-    }

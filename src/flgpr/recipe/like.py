@@ -7,8 +7,7 @@ that is made from nothing but a run. What belongs to the method stays as in the 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from flgpr.recipe.fit import FITTED_MAP
 from flgpr.recipe.schema import Recipe, parse_recipe, recipe_names, recipe_text
 from flgpr.recipe.writing import EARLY
 from flgpr.toml_text import parse_toml, toml_lines
+from flgpr.types import PathLike
 
 Tables = dict[str, Any]
 _ROADSIDE = "it reads one sub-band of its own array on a grid of its own"
@@ -74,7 +74,7 @@ def faults_of_model(model: Recipe) -> list[str]:
     return faults
 
 
-def load_model_recipe(like: str | Path) -> ModelRecipe:
+def load_model_recipe(like: PathLike) -> ModelRecipe:
     """Return a recipe whose method another one can have.
 
     Parameters
@@ -142,6 +142,7 @@ class _Fitted:
         self.model_name = model.name
         self.tables: Tables = parse_toml(model.text)
         self.antennas = antennas
+        self.half = figures.image_x[1]  # of the images, m; masks need the roadside in them
         self.reasons: dict[str, str] = {}
         self.left_out: list[str] = []
 
@@ -186,7 +187,7 @@ class _Fitted:
 
     def _check_polarizations(self) -> None:
         """Refuse a method that combines polarizations of which the run lacks one."""
-        has = self.figures.polarizations
+        has = self.figures.setup.polarizations
         needs = ", ".join(self.model.image.polarizations)
         lacks = not set(self.model.image.polarizations) <= set(has)
         if "clutter.masks" in self.model.named():
@@ -209,12 +210,12 @@ class _Fitted:
 
     def _fit_image(self) -> None:
         """Fit the images: pixels, sub-bands, window and polarizations."""
-        self._set("image", "x", list(self.figures.image_x))
+        self._set("image", "x", [-self.half, self.half])
         self._set("image", "y", list(self.figures.image_y))
         self._set("image", "spacing", self.figures.fine)
-        if self.figures.window != self.model.image.window:
-            self._set("image", "window", self.figures.window)
-        if self.figures.aperture:
+        if self.figures.method.window != self.model.image.window:
+            self._set("image", "window", self.figures.method.window)
+        if self.figures.setup.aperture:
             self._set("image", "frames", "all")
         if self.model.image.polarizations:
             self._set(
@@ -233,21 +234,20 @@ class _Fitted:
         for table in self.tables.pop("clutter", []):
             if table["stage"] == "masks":
                 stages.append(self._masks(table))
-            elif table["stage"] == "standing" and self.figures.drives:
+            elif table["stage"] == "standing" and self.figures.setup.drives:
                 stages.append(table)
-        if self.figures.early:
+        if self.figures.method.early:
             stages.insert(0, EARLY)
         if stages:
             # They come first, among the entries without a table.
             self.tables = {"clutter": stages, **self.tables}
             reason = self.figures.reasons["clutter"]
-            self.reasons["clutter"] = reason if self.figures.early else _AHEAD
+            self.reasons["clutter"] = reason if self.figures.method.early else _AHEAD
 
     def _masks(self, table: Tables) -> Tables:
         """Return masks with the grid, the sub-regions and the roadside of the run's images."""
-        half = max(self.figures.image_x[1], _BESIDE[1])
+        half = self.half = max(self.half, _BESIDE[1])
         begin = table["roadside"][0] / self.model.image.x[1] * half
-        self.figures = replace(self.figures, image_x=(-half, half))
         fitted: Tables = {
             "edges": self._ahead(table["edges"]),
             "roadside": [max(round(begin, 2), _BESIDE[0]), half],
@@ -263,19 +263,19 @@ class _Fitted:
 
     def _fit_length(self, table: str, entry: str, length: str, own: float) -> None:
         """Fit a length that follows the height, where another one comes out."""
-        fitted = self.figures.lengths[length]
+        fitted = self.figures.method.lengths[length]
         if fitted != own:
             self._set(table, entry, fitted)
 
     def _measured(self, wanted: tuple[str, ...]) -> list[str]:
         """Return the polarizations of the model that the run has, or the best that it has."""
-        labels = [label for label in wanted if label in self.figures.polarizations]
+        labels = [label for label in wanted if label in self.figures.setup.polarizations]
         return labels or [self.figures.polarization]
 
     def _fit_background(self) -> None:
         """Fit the self-signature and the pixels of the median."""
         method = self.model.background.self_signature
-        if not self.figures.drives:
+        if not self.figures.setup.drives:
             method = "none"
         elif method == "none" and "clutter" not in self.tables:
             method = "mean"
@@ -298,11 +298,11 @@ class _Fitted:
         """Fit the distances ahead that have a view each: scans must see every place from each."""
         ranges = self._ahead(self.model.run_view.ranges)
         apart = min(np.diff(ranges))
-        if self.figures.scan_step > apart:
+        if self.figures.setup.scan_step > apart:
             raise ValueError(
                 f"like must be a recipe whose views the run has, got {self.model_name}: it needs a "
                 f"look at {len(ranges)} distances ahead, {apart:.2g} m apart; the scans of this run "
-                f"are {self.figures.scan_step:.2g} m apart"
+                f"are {self.figures.setup.scan_step:.2g} m apart"
             )
         self._set("run_view", "ranges", ranges, _AHEAD)
         self._set("run_view", "y_max", self._ahead([self.model.run_view.y_max])[0], _AHEAD)
@@ -377,7 +377,7 @@ class _Fitted:
         elif contrast.subband not in self.figures.bands:
             self._set("contrast", "subband", next(iter(self.figures.bands)), "all of its band")
         patch = contrast.size * contrast.spacing
-        fitted_patch = self.figures.lengths["patch"]
+        fitted_patch = self.figures.method.lengths["patch"]
         if spacing == contrast.spacing and fitted_patch == patch:
             return
         reason = "" if fitted_patch != patch else f"{patch:g} m"

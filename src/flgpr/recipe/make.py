@@ -13,25 +13,25 @@ from flgpr.model.motion import plausible_run
 from flgpr.model.run_sensor import Footprint, preset_of, sensor_of_run
 from flgpr.recipe.choice import figures_of
 from flgpr.recipe.like import ModelRecipe, like_text, load_model_recipe
-from flgpr.recipe.radar_setup import goes_across, radar_setup
+from flgpr.recipe.radar_setup import Band, goes_across, radar_setup
 from flgpr.recipe.schema import parse_recipe, recipe_text
 from flgpr.recipe.writing import fitted_text
 from flgpr.store import MAX_MEMORY, open_run
 from flgpr.store.outputs import write_new
+from flgpr.types import PathLike
 
 ASSUMED_ANTENNAS = "sri-array"
 """The packaged sensor whose antennas and errors a run is assumed to have."""
-# Antenna heights beyond an image that hold clutter, too: those of sri-array's footprint.
-_FILLED_ASIDE = 0.2
-_FILLED_BEFORE = 0.3
-_FILLED_BEHIND = 0.4
+# Antenna heights beyond an image that hold clutter, too, aside, before and behind: those of
+# sri-array's footprint.
+_FILLED = (0.2, 0.3, 0.4)
 
 
 def recipe_for(
-    run: str | Path,
-    output: str | Path | None = None,
+    run: PathLike,
+    output: PathLike | None = None,
     max_memory: int = MAX_MEMORY,
-    like: str | Path | None = None,
+    like: PathLike | None = None,
 ) -> str:
     """Make a recipe for a stored run, see :func:`fit_recipe`.
 
@@ -69,9 +69,9 @@ def recipe_for(
 
 
 def recipe_or_fitted(
-    recipe: str | Path | None,
-    run: str | Path,
-    model: str | Path | None = None,
+    recipe: PathLike | None,
+    run: PathLike,
+    model: PathLike | None = None,
     max_memory: int = MAX_MEMORY,
 ) -> str:
     """Return the text of a recipe, or that of the one that is made for a stored run.
@@ -102,7 +102,7 @@ def recipe_or_fitted(
     return recipe_for(run, max_memory=max_memory)
 
 
-def fit_recipe(run: xr.Dataset, begins: bool = False, like: str | Path | None = None) -> str:
+def fit_recipe(run: xr.Dataset, begins: bool = False, like: PathLike | None = None) -> str:
     """Make a recipe from what a run is: its band, polarizations, array and course.
 
     Lengths that belong to a mine and its surroundings are those of Wang et al. 2007 for antennas 5 m
@@ -208,17 +208,29 @@ def sensor_for(run: xr.Dataset) -> Sensor:
         return sensor_of_run(run, load_sensor(preset))
     setup = radar_setup(run)
     figures = figures_of(setup)
-    nearest, far = figures.image_y
-    left, right = figures.image_x
-    height = setup.height
-    footprint = (
-        left - _FILLED_ASIDE * height,
-        right + _FILLED_ASIDE * height,
-        nearest - _FILLED_BEFORE * height,
-        far + _FILLED_BEHIND * height,
-    )
+    footprint = filled_ground(figures.image_x, figures.image_y, setup.height)
     sensor = sensor_of_run(run, load_sensor(ASSUMED_ANTENNAS), footprint)
     return with_ground_below(sensor, footprint) if sensor.is_low else sensor
+
+
+def filled_ground(x: Band, y: Band, height: float) -> Footprint:
+    """Return the ground that holds clutter, m: that of images with these borders, and what surrounds it.
+
+    Parameters
+    ----------
+    x, y : tuple of float
+        Borders of the images, m in the scan frame.
+    height : float
+        Height of the antennas, m.
+    """
+    aside, before, behind = _FILLED
+    (left, right), (near, far) = x, y
+    return (
+        left - aside * height,
+        right + aside * height,
+        near - before * height,
+        far + behind * height,
+    )
 
 
 def with_ground_below(sensor: Sensor, footprint: Footprint) -> Sensor:

@@ -369,7 +369,13 @@ def lane_of(run: xr.Dataset, recipe: Recipe) -> Lane:
 def seen_lane(run: xr.Dataset, recipe: Recipe, looks: int = 1) -> Lane:
     """Return the ground that ``looks`` scans see to its end, as wide as :func:`lane_of`'s."""
     if recipe.image.frames == "all":
-        return _aperture_ground(run, recipe)
+        from flgpr.model import aperture_pose
+
+        pose = aperture_pose(plausible_run(run, recipe.motion))
+        corners = scan_to_lane(recipe.image.grid().corners(recipe.run_view.y_max), pose)
+        x_min, y_min = corners[:, :2].min(axis=0)
+        x_max, y_max = corners[:, :2].max(axis=0)
+        return Lane(float(x_min), float(x_max), float(y_min), float(y_max))
     from flgpr.model import complete_scans  # loads xarray, which a list of recipes does not need
 
     # A scan with missing sweeps, or with a pose that no vehicle reaches, has no image.
@@ -380,17 +386,6 @@ def seen_lane(run: xr.Dataset, recipe: Recipe, looks: int = 1) -> Lane:
         )
     poses = run["pose"].values[imaged]
     return course_lane(recipe, poses, farthest_seen(recipe, poses, looks))
-
-
-def _aperture_ground(run: xr.Dataset, recipe: Recipe) -> Lane:
-    """Return the ground that the image of a run taken as one scan covers."""
-    from flgpr.model import aperture_pose
-
-    pose = aperture_pose(plausible_run(run, recipe.motion))
-    corners = scan_to_lane(recipe.image.grid().corners(recipe.run_view.y_max), pose)
-    x_min, y_min = corners[:, :2].min(axis=0)
-    x_max, y_max = corners[:, :2].max(axis=0)
-    return Lane(float(x_min), float(x_max), float(y_min), float(y_max))
 
 
 def farthest_seen(recipe: Recipe, poses: FloatArray, looks: int) -> float:

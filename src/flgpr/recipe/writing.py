@@ -47,45 +47,39 @@ def fitted_text(figures: Figures) -> str:
         Its text.
     """
     head = f"# Made by `flgpr recipe for` {figures.described} Lengths in m, frequencies in Hz.\n"
-    lines = toml_lines(_tables(figures), figures.reasons | _REASONS)
-    return "\n".join([head, *lines]) + "\n"
-
-
-def _tables(figures: Figures) -> dict[str, Any]:
-    """Return the entries of the recipe, table by table."""
     confidence = "Ten features" if figures.has_features else "Local contrast"
     spacing = figures.coarse
     image: dict[str, Any] = {
         "x": figures.image_x,
         "y": figures.image_y,
         "spacing": figures.fine,
-        "window": figures.window,
+        "window": figures.method.window,
     }
-    if figures.aperture:
+    if figures.setup.aperture:
         image["frames"] = "all"
     image["subbands"] = figures.edges
     channel = {"polarization": figures.polarization, "subband": figures.subband}
     tables: dict[str, Any] = {
         "name": "fitted",
         "description": f"{confidence} after Wang et al. 2007, {figures.fitted_to}",
-        **({"clutter": [EARLY]} if figures.early else {}),
+        **({"clutter": [EARLY]} if figures.method.early else {}),
         "image": image,
         "background": {
-            "self_signature": "mean" if figures.drives else "none",
+            "self_signature": "mean" if figures.setup.drives else "none",
             "median": _MEDIAN,
-            "mean": figures.lengths["mean"],
+            "mean": figures.method.lengths["mean"],
             "median_step": figures.median_step,
         },
         "run_view": {"x": figures.view_x, "spacing": spacing, "y_max": figures.y_max},
         "prescreen": {
             **channel,
-            "radius": figures.lengths["radius"],
+            "radius": figures.method.lengths["radius"],
             "density": _DENSITY,
-            "count": "view" if figures.aperture else "lane",
+            "count": "view" if figures.setup.aperture else "lane",
         },
         "contrast": {
             **channel,
-            "size": pixels_of([figures.lengths["patch"]], spacing)[0],
+            "size": pixels_of([figures.method.lengths["patch"]], spacing)[0],
             "spacing": spacing,
             "inner": pixels_of(_INNER, spacing),
             "guard": pixels_of(_GUARD, spacing),
@@ -95,4 +89,5 @@ def _tables(figures: Figures) -> dict[str, Any]:
         inner = pixels_of(_COHERENT, figures.fine)
         tables["features"] = {"inner": inner, "psi": "circular"}
     tables["score"] = {"halo": _HALO, "area": "union"}
-    return tables
+    lines = toml_lines(tables, figures.reasons | _REASONS)
+    return "\n".join([head, *lines]) + "\n"

@@ -14,11 +14,9 @@ from flgpr.model import POSE_COMPONENTS, complete_scans
 from flgpr.model.motion import judge_run
 from flgpr.model.plausible import MotionLimits
 from flgpr.store import read_manifest
-from flgpr.types import FloatArray, floats
+from flgpr.types import FloatArray, PathLike, floats
 
 _COPIED_ATTRIBUTES = ("soil", "georeference")
-_TEXTS = ("title", "source", "path", "store_sha256")
-_COUNTS = ("scans", "missing_sweeps", "pairs", "tones")
 _ROWS = {"pose": len(POSE_COMPONENTS), "tx_m": 3, "rx_m": 3, "frequency_hz": 2}
 """How many numbers a row of an entry has."""
 
@@ -53,10 +51,37 @@ _RULES: dict[str, Callable[[Any], bool]] = {
     "a list of findings": lambda value: isinstance(value, list) and all(map(_is_finding, value)),
 }
 """What an entry of a manifest may have to be, in words and as a check."""
+_EMPTY: dict[str, Any] = {"text": "", "a count": 0, "a table": {}, "a number or null": None}
+"""What a missing entry stands for; a list where none is named."""
+_ORIGIN = {
+    "text": ("flgpr", "python", "recipe_sha256", "identity"),
+    "a table": ("libraries",),
+}
+_LEFT_OUT = {
+    "a table": ("left_out",),
+    "a list of numbers from 0": ("left_out.pairs", "left_out.tones"),
+}
+_RUN = {
+    "a table": ("motion", "unlike", "far", "stands_out", "others", *_LEFT_OUT["a table"]),
+    "text": ("title", "source", "path", "store_sha256", "stands_out.source"),
+    "a count": ("scans", "missing_sweeps", "pairs", "tones"),
+    "a list of scan numbers": ("masked_scans", "motion.scans"),
+    "a list of texts": (
+        "polarizations",
+        "motion.notes",
+        "unlike.notes",
+        "far.notes",
+        "stands_out.notes",
+    ),
+    "a number or null": ("stands_out.border",),
+    "a list of findings": ("health",),
+    "a list of numbers from 0": _LEFT_OUT["a list of numbers from 0"],
+}
+"""Entries by the rule that they must keep; tables come before what they hold."""
 
 
 def describe_run(
-    run: xr.Dataset, path: str | Path | None = None, limits: MotionLimits | None = None
+    run: xr.Dataset, path: PathLike | None = None, limits: MotionLimits | None = None
 ) -> dict[str, Any]:
     """Return the description of a run for a manifest.
 
@@ -106,9 +131,7 @@ def describe_run(
 
 def check_origin(manifest: Mapping[str, Any]) -> None:
     """Check the types of what a manifest says of program and recipe; another type is a ValueError."""
-    for name in ("flgpr", "python", "recipe_sha256", "identity"):
-        _check(name, "text", manifest.get(name, ""))
-    _check("libraries", "a table", manifest.get("libraries", {}))
+    _check_entries(manifest, _ORIGIN)
 
 
 def check_description(description: Any) -> None:
@@ -121,51 +144,31 @@ def check_description(description: Any) -> None:
     ValueError
         Naming the entry whose value is of another type than ``describe_run`` writes.
     """
-    _check("run", "a table", description)
-    for name in _TEXTS:
-        _check(f"run.{name}", "text", description.get(name, ""))
-    for name in _COUNTS:
-        _check(f"run.{name}", "a count", description.get(name, 0))
-    motion = description.get("motion", {})
-    _check("run.motion", "a table", motion)
-    _check("run.masked_scans", "a list of scan numbers", description.get("masked_scans", []))
-    _check("run.motion.scans", "a list of scan numbers", motion.get("scans", []))
-    _check("run.motion.notes", "a list of texts", motion.get("notes", []))
-    for name in ("unlike", "far", "stands_out"):
-        entries = description.get(name, {})
-        _check(f"run.{name}", "a table", entries)
-        _check(f"run.{name}.notes", "a list of texts", entries.get("notes", []))
-    stands_out = description.get("stands_out", {})
-    _check("run.stands_out.source", "text", stands_out.get("source", ""))
-    _check("run.stands_out.border", "a number or null", stands_out.get("border"))
-    _check("run.health", "a list of findings", description.get("health", []))
-    _check_left_out("run", description)
-    _check("run.polarizations", "a list of texts", description.get("polarizations", []))
+    if not isinstance(description, dict):
+        raise _other_type("run", "a table", description)
+    _check_entries(description, _RUN, "run.")
     for name, length in _ROWS.items():
         rows = description.get(name, [])
         try:
             floats(rows).reshape(-1, length)
         except (TypeError, ValueError):
             raise _other_type(f"run.{name}", f"rows of {length} numbers", rows) from None
-    others = description.get("others", {})
-    _check("run.others", "a table", others)
-    for name, other in others.items():
+    for name, other in description.get("others", {}).items():
         described_store(other)
-        _check_left_out(f"run.others.{name}", other)
+        _check_entries(other, _LEFT_OUT, f"run.others.{name}.")
 
 
-def _check_left_out(entry: str, description: Mapping[str, Any]) -> None:
-    """Check what a description says was left out of a run."""
-    left_out = description.get("left_out", {})
-    _check(f"{entry}.left_out", "a table", left_out)
-    for name in ("pairs", "tones"):
-        _check(f"{entry}.left_out.{name}", "a list of numbers from 0", left_out.get(name, []))
-
-
-def _check(entry: str, rule: str, value: Any) -> None:
-    """Refuse an entry that breaks one of the rules."""
-    if not _RULES[rule](value):
-        raise _other_type(entry, rule, value)
+def _check_entries(
+    entries: Mapping[str, Any], rules: Mapping[str, tuple[str, ...]], prefix: str = ""
+) -> None:
+    """Refuse an entry that breaks its rule; one within a table is named TABLE.ENTRY."""
+    for rule, names in rules.items():
+        for name in names:
+            table, _, entry = name.rpartition(".")
+            holder = entries.get(table, {}) if table else entries
+            value = holder.get(entry, _EMPTY.get(rule, []))
+            if not _RULES[rule](value):
+                raise _other_type(prefix + name, rule, value)
 
 
 def _other_type(entry: str, rule: str, value: Any) -> ValueError:

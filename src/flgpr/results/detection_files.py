@@ -18,7 +18,7 @@ from flgpr.door import Folder
 from flgpr.method.detection import MAIN, Detection
 from flgpr.model.constants import IMAGE_ATTRS
 from flgpr.model.run import described
-from flgpr.results.errors import ResultError
+from flgpr.results.manifest import ResultError
 from flgpr.store import sha256
 from flgpr.store.files import write_whole
 from flgpr.store.notes import log_note
@@ -37,7 +37,13 @@ def write_detection(folder: Path, detection: Detection, reference: Any, recipe_t
     """Write the tables and the run-view of one detection, and its recipe where it is not the result's own."""
     write_table(detection.alarms, folder / "alarms.csv")
     _write_points(detection.alarms, folder, reference, sha256(recipe_text.encode()))
-    write_whole(folder / "run_view.npz", _view_bytes(detection.view))
+    arrays: dict[str, Any] = {}
+    for name in ("y", "x", "looks"):
+        arrays[name] = np.asarray(detection.view[name].values)
+    for name in ("polarization", "subband"):
+        arrays[name] = np.asarray(detection.view[name].values, dtype=str)
+    arrays["magnitude"] = detection.view.values.astype(np.float32)
+    write_whole(folder / "run_view.npz", _npz(arrays))
     if detection.features is not None:
         write_table(detection.features, folder / "features.csv")
     if detection.frames is not None:
@@ -213,14 +219,3 @@ def _parse_frames(data: bytes) -> tuple[pd.DataFrame, dict[int, FloatArray]]:
         )
     alarms = pd.DataFrame({name: arrays[name] for name in _FRAME_COLUMNS})
     return alarms, dict(zip(arrays["frames"].tolist(), arrays["poses"], strict=True))
-
-
-def _view_bytes(view: xr.DataArray) -> bytes:
-    """Return a run-view as NPZ."""
-    arrays: dict[str, Any] = {}
-    for name in ("y", "x", "looks"):
-        arrays[name] = np.asarray(view[name].values)
-    for name in ("polarization", "subband"):
-        arrays[name] = np.asarray(view[name].values, dtype=str)
-    arrays["magnitude"] = view.values.astype(np.float32)
-    return _npz(arrays)

@@ -10,9 +10,13 @@ from typing import Any
 from flgpr.door import MOST_CHECKED, DoorError, Folder, Version
 from flgpr.json_text import check_format
 from flgpr.results.description import check_description, check_origin
-from flgpr.results.errors import ResultError
 from flgpr.store import canonical_json, json_with_digest, sha256
 from flgpr.store.files import read_with_digest, taken_for
+
+
+class ResultError(ValueError):
+    """A result folder is incomplete, altered or not a result folder at all."""
+
 
 FORMAT = "flgpr-result"
 VERSION = 2

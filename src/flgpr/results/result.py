@@ -1,16 +1,19 @@
 """The result folder.
 
 Alarms and run-views of a run, and the recipe, lane and run that they come from.
+
+The results of a survey: many lanes, each read when it is asked for.
 """
 
 from __future__ import annotations
 
+import html
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 import pandas as pd
@@ -164,7 +167,25 @@ def _write_files(
     write_whole(root / "recipe.toml", recipe_text)
     if learnt.detector is not None or learnt.stages:
         save_model(learnt, root / MODEL)
-    content = plain_json(_content(root, detections, recipe_text, lane, run))
+    entries = []
+    for detection in detections:
+        entries.append({"name": detection.name, "title": detection.title, "notes": detection.notes})
+    paths = [path for path in sorted(root.rglob("*")) if path.is_file()]
+    names = [path.relative_to(root).as_posix() for path in paths]
+    content = plain_json(
+        {
+            "format": FORMAT,
+            "version": VERSION,
+            "flgpr": flgpr.__version__,
+            "python": platform.python_version(),
+            "libraries": {name: version(name) for name in _LIBRARIES},
+            "recipe_sha256": sha256(recipe_text.encode()),
+            "lane": asdict(lane),
+            "run": run,
+            "detections": entries,
+            **listing(root, names),
+        }
+    )
     if section is not None:
         content["section"] = section
     write_whole(root / MANIFEST, sealed_manifest(content, {}))
@@ -179,29 +200,6 @@ def check_free(folder: str | Path) -> Path:
         If anything but a result lies there.
     """
     return check_free_folder(folder, (MANIFEST, SECTIONS), "result")
-
-
-def _content(
-    root: Path, detections: list[Detection], recipe_text: str, lane: Lane, run: dict[str, Any]
-) -> dict[str, Any]:
-    """Return what a manifest holds of the result that was written to ``root``."""
-    entries = []
-    for detection in detections:
-        entries.append({"name": detection.name, "title": detection.title, "notes": detection.notes})
-    paths = [path for path in sorted(root.rglob("*")) if path.is_file()]
-    names = [path.relative_to(root).as_posix() for path in paths]
-    return {
-        "format": FORMAT,
-        "version": VERSION,
-        "flgpr": flgpr.__version__,
-        "python": platform.python_version(),
-        "libraries": {name: version(name) for name in _LIBRARIES},
-        "recipe_sha256": sha256(recipe_text.encode()),
-        "lane": asdict(lane),
-        "run": run,
-        "detections": entries,
-        **listing(root, names),
-    }
 
 
 def add_files(folder: str | Path, files: Mapping[str, bytes | str]) -> None:
@@ -229,30 +227,25 @@ def add_files(folder: str | Path, files: Mapping[str, bytes | str]) -> None:
     for name, body in files.items():
         data[name] = text_bytes(body) if isinstance(body, str) else body
     with locked_folder(folder, wait=True):
-        _add_files(folder, data)
-
-
-def _add_files(folder: Path, data: Mapping[str, bytes]) -> None:
-    """Add files to a result that no other process writes to."""
-    manifest = read_result_manifest(folder)
-    for name in data:
-        parent = (folder / name).parent
-        parent.mkdir(exist_ok=True)
-        if parent != folder:
-            # Refuses a link, which would lead the file out of the folder.
-            Folder(folder).path(parent.relative_to(folder).as_posix())
-    content = {name: value for name, value in manifest.items() if name not in _NOT_CONTENT}
-    before = added_versions(manifest)
-    after: dict[str, list[Version]] = {}
-    both: dict[str, list[Version]] = {}
-    for name, body in data.items():
-        new_version = (sha256(body), len(body))
-        after[name] = [new_version]
-        both[name] = [*before.get(name, [(None, None)]), new_version]
-    write_whole(folder / MANIFEST, sealed_manifest(content, {**before, **both}))
-    for name, body in data.items():
-        write_whole(folder / name, body)
-    write_whole(folder / MANIFEST, sealed_manifest(content, {**before, **after}))
+        manifest = read_result_manifest(folder)
+        for name in data:
+            parent = (folder / name).parent
+            parent.mkdir(exist_ok=True)
+            if parent != folder:
+                # Refuses a link, which would lead the file out of the folder.
+                Folder(folder).path(parent.relative_to(folder).as_posix())
+        content = {name: value for name, value in manifest.items() if name not in _NOT_CONTENT}
+        before = added_versions(manifest)
+        after: dict[str, list[Version]] = {}
+        both: dict[str, list[Version]] = {}
+        for name, body in data.items():
+            new_version = (sha256(body), len(body))
+            after[name] = [new_version]
+            both[name] = [*before.get(name, [(None, None)]), new_version]
+        write_whole(folder / MANIFEST, sealed_manifest(content, {**before, **both}))
+        for name, body in data.items():
+            write_whole(folder / name, body)
+        write_whole(folder / MANIFEST, sealed_manifest(content, {**before, **after}))
 
 
 def are_settled(folder: str | Path) -> bool:
@@ -338,3 +331,54 @@ def _thinned_view(view: xr.DataArray, step: int) -> xr.DataArray:
     """Return a thinned run-view, its looks thinned likewise."""
     looks = thinned(view["looks"].reset_coords(drop=True), step)
     return thinned(view, step).assign_coords(looks=looks)
+
+
+SURVEY = "survey.json"
+"""Name of the list of the lanes of a survey."""
+_COLUMNS = ("lane", "scans", "area_m2", "alarms", "sections")
+
+
+class Survey(Sequence[Result]):
+    """The results of several lanes, in the order of their runs.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Folder of the survey, with ``survey.json``.
+    folders : sequence of pathlib.Path
+        Result folders of the lanes, or folders of their sections.
+    """
+
+    def __init__(self, folder: Path, folders: Sequence[Path]) -> None:
+        self.folder = folder
+        self.folders = list(folders)
+
+    def __len__(self) -> int:
+        return len(self.folders)
+
+    @overload
+    def __getitem__(self, number: int) -> Result: ...
+    @overload
+    def __getitem__(self, number: slice) -> list[Result]: ...
+    def __getitem__(self, number: int | slice) -> Result | list[Result]:
+        if isinstance(number, slice):
+            return [read_lane_result(folder) for folder in self.folders[number]]
+        return read_lane_result(self.folders[number])
+
+    def __iter__(self) -> Iterator[Result]:
+        return (read_lane_result(folder) for folder in self.folders)
+
+    def lanes(self) -> list[dict[str, Any]]:
+        """Return a row for each lane: run, counts of scans and alarms, searched area (m²)."""
+        return list(Folder(self.folder).json(SURVEY))
+
+    def __repr__(self) -> str:
+        return f"survey of {len(self)} lanes in {self.folder}"
+
+    def _repr_html_(self) -> str:
+        head = "".join(f"<th>{name}</th>" for name in _COLUMNS)
+        rows = []
+        for lane in self.lanes():
+            cells = "".join(f"<td>{html.escape(str(lane[name]))}</td>" for name in _COLUMNS)
+            rows.append(f"<tr>{cells}</tr>")
+        return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"

@@ -319,21 +319,6 @@ def _view_entry(scored: Score, classes: list[tuple[str, tuple[float, float]]]) -
             chosen &= depth_of_target == depth
         if chosen.any() or not len(truth):
             curves.append({"kind": kind, "depth": depth, **_curve(scored, chosen)})
-    return {
-        "label": scored.labels["label"].tolist(),
-        "target": scored.labels["target"].tolist(),
-        "distance": scored.labels["distance"].tolist(),
-        "outcomes": _columns(scored.outcomes),
-        "shared": _shared(scored),
-        "curves": curves,
-    }
-
-
-def _shared(scored: Score) -> dict[str, Any]:
-    """Return what is alike for all subsets of the targets.
-
-    Area, operating point, thresholds, FAR.
-    """
     curve = scored.curve
     point: dict[str, Any] = {
         "row": int(operating_row(curve, scored.far)),
@@ -342,11 +327,18 @@ def _shared(scored: Score) -> dict[str, Any]:
         "far_allowed": scored.far,
     }
     return {
-        "area": float(curve.iloc[-1]["area"]),
-        "level": curve.attrs["level"],
-        "point": point,
-        "threshold": curve["threshold"].tolist(),
-        **_rounded(curve, _SHARED_COLUMNS),
+        "label": scored.labels["label"].tolist(),
+        "target": scored.labels["target"].tolist(),
+        "distance": scored.labels["distance"].tolist(),
+        "outcomes": _columns(scored.outcomes),
+        "shared": {
+            "area": float(curve.iloc[-1]["area"]),
+            "level": curve.attrs["level"],
+            "point": point,
+            "threshold": curve["threshold"].tolist(),
+            **_rounded(curve, _SHARED_COLUMNS),
+        },
+        "curves": curves,
     }
 
 

@@ -16,11 +16,11 @@ import pandas as pd
 from flgpr.door import DoorError, Folder, listed_files
 from flgpr.json_text import check_format
 from flgpr.model import Lane
-from flgpr.results.errors import ResultError
-from flgpr.results.manifest import MANIFEST, listing, read_result_manifest, reading
+from flgpr.results.manifest import MANIFEST, ResultError, listing, read_result_manifest, reading
 from flgpr.store import json_with_digest, lane_text, write_table
 from flgpr.store.files import read_with_digest, write_whole
 from flgpr.store.tables import parse_lane, parse_own_table
+from flgpr.types import PathLike
 
 FORMAT = "flgpr-sections"
 VERSION = 1
@@ -109,7 +109,7 @@ def write_sections(folder: Path, names: Sequence[str], identity: Mapping[str, An
     write_whole(folder / SECTIONS, json_with_digest(content))
 
 
-def read_sections(folder: str | Path) -> Sections:
+def read_sections(folder: PathLike) -> Sections:
     """Read the list of a folder of sections.
 
     Raises
@@ -144,7 +144,7 @@ def _identity(home: Path) -> str:
     return str(read_with_digest(home, MANIFEST)["identity"])
 
 
-def sections_at(folder: str | Path) -> Sections | None:
+def sections_at(folder: PathLike) -> Sections | None:
     """Return the sections of a lane's folder; None of a result in one piece.
 
     Raises
@@ -155,7 +155,7 @@ def sections_at(folder: str | Path) -> Sections | None:
     return read_sections(folder) if Folder(folder).has(SECTIONS) else None
 
 
-def results_at(folder: str | Path) -> list[Path]:
+def results_at(folder: PathLike) -> list[Path]:
     """Return the result folders of a lane: the folder itself, or those of its sections in order."""
     sections = sections_at(folder)
     return [Path(folder)] if sections is None else sections.homes

@@ -66,7 +66,13 @@ def write_view(
     view_folder = folder / "view"
     (view_folder / "layers").mkdir(parents=True)
     (view_folder / "evidence").mkdir()
-    views = _titled_views(detections, recipe)
+    views = []
+    if detections[0].before is not None:
+        stage = "before clutter suppression" if _removes_clutter(recipe) else "as imaged"
+        views.append(("before", stage, detections[0].before))
+    for detection in detections:
+        own = parse_recipe(detection.recipe_text) if detection.recipe_text else recipe
+        views.append((detection.name, shown_stage(own), detection.view))
     grid = _grid(views[0][2])
     for name, _, view in views:
         if _grid(view) != grid:
@@ -83,6 +89,11 @@ def write_view(
     if not channel:
         last_view = views[-1][2]
         channel = (last_view["polarization"].values[0], last_view["subband"].values[0])
+    pose = np.asarray(run.get("pose", np.zeros((0, 6))), dtype=np.float64).reshape(-1, 6)
+    columns: dict[str, list[Any]] = {}
+    for i, name in enumerate(("x", "y", "z", "heading")):
+        columns[name] = np.round(pose[:, i], 4).tolist()
+    columns["masked"] = left_out_scans(run)
     index = {
         "format": VIEW_FORMAT,
         "version": VIEW_VERSION,
@@ -93,7 +104,7 @@ def write_view(
         "unit": "dB",
         "channel": [str(label) for label in channel],
         "layers": layers,
-        "scans": _scans(run),
+        "scans": columns,
         "sight": [recipe.image.y[0], recipe.run_view.y_max],
         "georeference": run.get("georeference"),
         "detections": entries,
@@ -107,20 +118,6 @@ def write_view(
         index["aperture"] = True  # what explains alarms is of all scans
     text = json.dumps(plain_json(index), separators=(",", ":"), allow_nan=False)
     write_whole(view_folder / "index.json", text + "\n")
-
-
-def _titled_views(
-    detections: Sequence[Detection], recipe: Recipe
-) -> list[tuple[str, str, xr.DataArray]]:
-    """Return the run-views with their names and what they show, that before suppression first."""
-    views = []
-    if detections[0].before is not None:
-        stage = "before clutter suppression" if _removes_clutter(recipe) else "as imaged"
-        views.append(("before", stage, detections[0].before))
-    for detection in detections:
-        own = parse_recipe(detection.recipe_text) if detection.recipe_text else recipe
-        views.append((detection.name, shown_stage(own), detection.view))
-    return views
 
 
 def shown_stage(recipe: Recipe) -> str:
@@ -161,23 +158,18 @@ def _write_layers(
                 name = f"layers/{detection}.{p}.{s}.{number}.f16"
                 write_whole(folder / name, level.astype("<f2").tobytes())
                 files.append({"file": name, "rows": len(level)})
+            finite = values[np.isfinite(values)].astype(np.float32)
+            levels = np.zeros(len(_PERCENTILES))
+            if finite.size:
+                levels = np.percentile(finite, [float(name) for name in _PERCENTILES])
             yield {
                 "detection": detection,
                 "stage": stage,
                 "polarization": str(polarization),
                 "subband": str(subband),
-                "percentiles": _percentiles(values),
+                "percentiles": dict(zip(_PERCENTILES, np.round(levels, 2).tolist(), strict=True)),
                 "levels": files,
             }
-
-
-def _percentiles(values: NDArray[np.float16]) -> dict[str, float]:
-    """Return percentiles of the finite values; zeros where there are none."""
-    finite = values[np.isfinite(values)].astype(np.float32)
-    levels = np.zeros(len(_PERCENTILES))
-    if finite.size:
-        levels = np.percentile(finite, [float(name) for name in _PERCENTILES])
-    return dict(zip(_PERCENTILES, np.round(levels, 2).tolist(), strict=True))
 
 
 def _write_detection(folder: Path, detection: Detection) -> dict[str, Any]:
@@ -283,16 +275,6 @@ def _grid(view: xr.DataArray) -> dict[str, float]:
 def _step(axis: FloatArray) -> float:
     """Return the spacing of an axis, m; 1 m of an axis of one pixel."""
     return round(float(axis[1] - axis[0]), 9) if len(axis) > 1 else 1.0
-
-
-def _scans(run: Mapping[str, Any]) -> dict[str, list[Any]]:
-    """Return position and heading of every scan, and the numbers of those left out."""
-    pose = np.asarray(run.get("pose", np.zeros((0, 6))), dtype=np.float64).reshape(-1, 6)
-    columns: dict[str, list[Any]] = {}
-    for i, name in enumerate(("x", "y", "z", "heading")):
-        columns[name] = np.round(pose[:, i], 4).tolist()
-    columns["masked"] = left_out_scans(run)
-    return columns
 
 
 def plain_json(value: Any) -> Any:

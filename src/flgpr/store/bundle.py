@@ -87,28 +87,31 @@ def write_bundle(
         if array.dtype.kind not in _KINDS:
             raise ValueError(f"{name} must hold numbers, booleans or text, got {array.dtype}")
         data = array.reshape(-1).view(np.uint8)
-        entries.append(_entry(name, array, data, offset))
+        entries.append(
+            {
+                "name": name,
+                "dtype": array.dtype.str,
+                "shape": list(array.shape),
+                "at": offset,
+                "sha256": hashlib.sha256(data.data).hexdigest(),
+            }
+        )
         blocks.append(data)
         offset += _aligned(data.size)
     head = canonical_json({"about": dict(about or {}), "arrays": entries})
     # Several processes may write the same bundle at once, each under a name of its own.
     with writing(path), own_partial(path) as temporary, temporary.open("xb") as file:
-        size = _write_blocks(file, head, blocks)
+        file.write(f"{len(head)} {sha256(head)}\n".encode())
+        file.write(head)
+        for data in blocks:
+            file.write(data.data)
+            padding = -data.size % _ALIGN
+            file.write(bytes(padding))
+        size = file.tell()
         if lasting:
             file.flush()
             os.fsync(file.fileno())
     return size
-
-
-def _write_blocks(file: BinaryIO, head: bytes, blocks: list[NDArray[np.uint8]]) -> int:
-    """Write the line of length and digest, the head, and the arrays; return the file's size."""
-    file.write(f"{len(head)} {sha256(head)}\n".encode())
-    file.write(head)
-    for data in blocks:
-        file.write(data.data)
-        padding = -data.size % _ALIGN
-        file.write(bytes(padding))
-    return file.tell()
 
 
 class Bundle(Mapping[str, AnyArray]):
@@ -142,7 +145,14 @@ class Bundle(Mapping[str, AnyArray]):
             with self._open() as file:
                 self.about, self._head, self._start = _read_head(file)
                 size = file.seek(0, os.SEEK_END)
-            end = self._start + _data_size(self._head)
+            end = 0
+            for name, entry in self._head.items():
+                if entry["at"] != end:
+                    raise ValueError(
+                        f"{name} must begin where the array before it ends, {end}, got {entry['at']}"
+                    )
+                end += _aligned(_array_size(entry))
+            end = self._start + end
             if size != end:
                 raise ValueError(f"{size} bytes of {end}")
         except FileNotFoundError:
@@ -158,7 +168,19 @@ class Bundle(Mapping[str, AnyArray]):
 
     def __getitem__(self, name: str) -> AnyArray:
         if name not in self._cache:
-            self._cache[name] = self._read(name, self._head[name])
+            entry = self._head[name]
+            size = _array_size(entry)
+            padded = np.empty(_aligned(size), np.uint8)
+            with self._open() as file:
+                file.seek(self._start + entry["at"])
+                filled = file.readinto(padded.data)
+            data = padded[:size]
+            padding = padded[size:]
+            if filled != padded.size or padding.any():
+                raise self._damaged(name)
+            if hashlib.sha256(data.data).hexdigest() != entry["sha256"]:
+                raise self._damaged(name)
+            self._cache[name] = data.view(np.dtype(entry["dtype"])).reshape(entry["shape"])
         return self._cache[name]
 
     def listed(self) -> list[dict[str, Any]]:
@@ -199,35 +221,9 @@ class Bundle(Mapping[str, AnyArray]):
             return nullcontext(io.BytesIO(self._data))
         return Folder(self.path.parent).open(self.path.name, self._most)
 
-    def _read(self, name: str, entry: dict[str, Any]) -> AnyArray:
-        """Read one array and its padding, and check both."""
-        size = _array_size(entry)
-        padded = np.empty(_aligned(size), np.uint8)
-        with self._open() as file:
-            file.seek(self._start + entry["at"])
-            filled = file.readinto(padded.data)
-        data = padded[:size]
-        padding = padded[size:]
-        if filled != padded.size or padding.any():
-            raise self._damaged(name)
-        if hashlib.sha256(data.data).hexdigest() != entry["sha256"]:
-            raise self._damaged(name)
-        return data.view(np.dtype(entry["dtype"])).reshape(entry["shape"])
-
     def _damaged(self, name: str) -> BundleError:
         """Return the error for a damaged array."""
         return BundleError(f"{self.path}: {name} differs from what was written")
-
-
-def _entry(name: str, array: AnyArray, data: NDArray[np.uint8], offset: int) -> dict[str, Any]:
-    """Return the entry of an array in the head of a bundle."""
-    return {
-        "name": name,
-        "dtype": array.dtype.str,
-        "shape": list(array.shape),
-        "at": offset,
-        "sha256": hashlib.sha256(data.data).hexdigest(),
-    }
 
 
 def _read_head(file: BinaryIO) -> tuple[dict[str, Any], dict[str, dict[str, Any]], int]:
@@ -241,55 +237,37 @@ def _read_head(file: BinaryIO) -> tuple[dict[str, Any], dict[str, dict[str, Any]
     head = parse_json(text)
     arrays: dict[str, dict[str, Any]] = {}
     for entry in head["arrays"]:
-        _check_entry(entry)
+        name = entry["name"]
+        spelling = entry["dtype"]
+        shape = entry["shape"]
+        offset = entry["at"]
+        if not isinstance(name, str):
+            raise ValueError(f"names of arrays must be text, got {_short(name)}")
+        is_known = isinstance(spelling, str) and _TYPE.fullmatch(spelling) is not None
+        if not is_known or not np.dtype(spelling).itemsize:
+            raise ValueError(
+                f"{_short(name)} must hold numbers or text, got the type {_short(spelling)}"
+            )
+        if not isinstance(shape, list) or len(shape) > _MOST_AXES:
+            raise ValueError(
+                f"{_short(name)} must have at most {_MOST_AXES} axes, got {_short(shape)}"
+            )
+        for number in (offset, *shape):
+            if type(number) is not int or not 0 <= number < _LONGEST_AXIS:
+                raise ValueError(
+                    f"{_short(name)} must have a shape and offset of whole numbers from 0, "
+                    f"got {_short(shape)} at {_short(offset)}"
+                )
         if entry["name"] in arrays:
             raise ValueError(f"the array {_short(entry['name'])} is there twice")
         arrays[entry["name"]] = entry
     return dict(head["about"]), arrays, file.tell()
 
 
-def _check_entry(entry: Mapping[str, Any]) -> None:
-    """Refuse an array that the head describes in another way than :func:`write_bundle` does."""
-    name = entry["name"]
-    spelling = entry["dtype"]
-    shape = entry["shape"]
-    offset = entry["at"]
-    if not isinstance(name, str):
-        raise ValueError(f"names of arrays must be text, got {_short(name)}")
-    is_known = isinstance(spelling, str) and _TYPE.fullmatch(spelling) is not None
-    if not is_known or not np.dtype(spelling).itemsize:
-        raise ValueError(
-            f"{_short(name)} must hold numbers or text, got the type {_short(spelling)}"
-        )
-    if not isinstance(shape, list) or len(shape) > _MOST_AXES:
-        raise ValueError(f"{_short(name)} must have at most {_MOST_AXES} axes, got {_short(shape)}")
-    for number in (offset, *shape):
-        if type(number) is not int or not 0 <= number < _LONGEST_AXIS:
-            raise ValueError(
-                f"{_short(name)} must have a shape and offset of whole numbers from 0, "
-                f"got {_short(shape)} at {_short(offset)}"
-            )
-
-
 def _short(value: Any) -> str:
     """Return a value from a file as text short enough for a message."""
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
-
-
-def _data_size(arrays: Mapping[str, dict[str, Any]]) -> int:
-    """Return the bytes of all arrays, padding included, which must lie one after the other.
-
-    Arrays that share bytes could take far more memory than the file has.
-    """
-    end = 0
-    for name, entry in arrays.items():
-        if entry["at"] != end:
-            raise ValueError(
-                f"{name} must begin where the array before it ends, {end}, got {entry['at']}"
-            )
-        end += _aligned(_array_size(entry))
-    return end
 
 
 def _aligned(size: int) -> int:

@@ -321,7 +321,9 @@ def column_targets(
                 f"columns: the file has no column {column!r} for {target}; "
                 f"it has {', '.join(names)}"
             )
-    return _without_unused_places(targets)
+    if not {"x", "y"} <= set(targets.values()):
+        return targets
+    return {number: target for number, target in targets.items() if target not in PLACES}
 
 
 def _columns_by_user(
@@ -403,13 +405,6 @@ def named_columns(
             renamed[target] = to_numbers(renamed[target], repr(name), unit) * factor
             notes.append(f"{target} taken from {unit} to m")
     return _in_lane_frame(renamed, anchor, notes), notes
-
-
-def _without_unused_places(targets: dict[int, str]) -> dict[int, str]:
-    """Leave places on the Earth as they are where the table has places in the lane."""
-    if not {"x", "y"} <= set(targets.values()):
-        return targets
-    return {number: target for number, target in targets.items() if target not in PLACES}
 
 
 def _in_lane_frame(

@@ -2,6 +2,10 @@
 
 It has a line per scan, written after the scan's chunk was flushed. Each line has the digest of its
 own text, so that a line that a killed process left half-written is found and dropped.
+
+The record of what a run store was made of, by which the same call knows it again.
+
+It lies in the store and is no part of the run: readers of runs ignore it.
 """
 
 from __future__ import annotations
@@ -9,14 +13,16 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from flgpr.append_log import AppendLog, LogHeldError
-from flgpr.door import refuse_links
+from flgpr.door import MOST_JSON, Folder, refuse_links
 from flgpr.json_text import canonical_json, parse_json, sha256
+from flgpr.store.run_store import CommittedFiles, read_manifest
 from flgpr.types import BoolArray, FloatArray
 
 JOURNAL = "journal.jsonl"
@@ -118,7 +124,10 @@ class Journal:
             raise OtherRunError(f"another unfinished run is there: {different}")
         for content in contents[1:]:
             try:
-                self.scans.append(_scan(content))
+                time = math.nan if content["time"] is None else float(content["time"])
+                pose = np.array(content["pose"], dtype=np.float64)
+                valid = np.array(content["valid"], bool)
+                self.scans.append(WrittenScan(content["sha256"], pose, time, valid))
             except (KeyError, TypeError, ValueError):  # a complete line, but not of a scan
                 break
         self.keep(len(self.scans))
@@ -137,14 +146,6 @@ class Journal:
         """Append a line with its digest."""
         text = canonical_json(value)
         self._log.append(sha256(text).encode() + b" " + text, settled)
-
-
-def _scan(line: dict[str, Any]) -> WrittenScan:
-    """Return the scan that a line of the journal describes."""
-    time = math.nan if line["time"] is None else float(line["time"])
-    pose = np.array(line["pose"], dtype=np.float64)
-    valid = np.array(line["valid"], bool)
-    return WrittenScan(line["sha256"], pose, time, valid)
 
 
 def difference(old: dict[str, Any], new: dict[str, Any]) -> str:
@@ -184,3 +185,100 @@ def _short(value: Any) -> str:
     """Return a value as text short enough for a message."""
     text = json.dumps(value)
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+MADE_OF = "made-of.json"
+"""File that records what a store's scans depend on, by which the same call knows it again."""
+
+
+def describe_inputs(
+    frequency: FloatArray,
+    polarization: list[str],
+    tx_position: FloatArray,
+    rx_position: FloatArray,
+    attrs: dict[str, Any],
+    inputs: dict[str, Any] | None,
+) -> dict[str, Any]:
+    """Return a description of all that the scans of a store depend on.
+
+    Parameters
+    ----------
+    frequency : (frequency,) ndarray
+        Tones, Hz.
+    polarization : list of str
+        Labels of the polarizations.
+    tx_position, rx_position : (pair, 3) ndarray
+        Positions of the antennas, m.
+    attrs : dict
+        Attributes of the run.
+    inputs : dict or None
+        What else the scans depend on, such as digests of files.
+
+    Returns
+    -------
+    dict
+        The description, as JSON holds it.
+    """
+    return {
+        "frequency": sha256(frequency.tobytes()),
+        "polarization": polarization,
+        "tx_position": sha256(tx_position.tobytes()),
+        "rx_position": sha256(rx_position.tobytes()),
+        "attrs": attrs,
+        "inputs": inputs or {},
+    }
+
+
+def _read_record(root: Path, manifest: Mapping[str, Any]) -> Any:
+    """Return the record of what a store was made of; None if it is of another commit."""
+    stored = parse_json(Folder(root).read(MADE_OF, MOST_JSON))
+    return stored if stored["commit"] == manifest["sha256"] else None
+
+
+def read_limits(root: str | Path) -> dict[str, Any]:
+    """Return what ends in a store's scans because of how they were made.
+
+    Parameters
+    ----------
+    root : str or path
+        The store.
+
+    Returns
+    -------
+    dict
+        As given to :class:`flgpr.store.RunWriter`; empty where the store does not record it, or records it for
+        other scans.
+    """
+    try:
+        stored = _read_record(Path(root), read_manifest(root))
+        limits = {} if stored is None else stored["limits"]
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return {}
+    return limits if isinstance(limits, dict) else {}
+
+
+def difference_from_stored(root: Path, about: dict[str, Any]) -> str | None:
+    """Return the first difference between what a store was made of and ``about``.
+
+    Parameters
+    ----------
+    root : Path
+        The store.
+    about : dict
+        What :func:`describe_inputs` returned.
+
+    Returns
+    -------
+    str or None
+        The difference, empty if there is none; None if the store is incomplete or does not record
+        it.
+    """
+    try:
+        manifest = read_manifest(root)
+        stored = _read_record(root, manifest)
+        CommittedFiles(root, manifest["files"]).check_sizes()
+        if stored is None:
+            return None
+        return difference(stored["about"], parse_json(canonical_json(about)))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None

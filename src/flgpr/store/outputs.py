@@ -234,18 +234,13 @@ def same_content(first: Path, second: Path, more: bool = False) -> bool:
     if first.is_symlink() or second.is_symlink():
         return False
     if first.is_dir() and second.is_dir():
-        return _same_folders(first, second, more)
+        first_names = {path.name for path in first.iterdir()}
+        second_names = {path.name for path in second.iterdir()}
+        has_names = first_names <= second_names if more else first_names == second_names
+        if not has_names:
+            return False
+        return all(same_content(first / name, second / name, more) for name in sorted(first_names))
     return first.is_file() and second.is_file() and filecmp.cmp(first, second, shallow=False)
-
-
-def _same_folders(first: Path, second: Path, more: bool) -> bool:
-    """Return whether two folders hold the same files, as :func:`same_content` says."""
-    first_names = {path.name for path in first.iterdir()}
-    second_names = {path.name for path in second.iterdir()}
-    has_names = first_names <= second_names if more else first_names == second_names
-    if not has_names:
-        return False
-    return all(same_content(first / name, second / name, more) for name in sorted(first_names))
 
 
 def _rename_unless_same(temporary: Path, output: Path, more: bool) -> None:

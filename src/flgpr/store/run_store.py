@@ -182,7 +182,10 @@ def _decode(files: CommittedFiles, max_memory: int) -> xr.Dataset:
     for name, layout in layouts.items():
         stored = _StoredArray(files, name, layout)
         if name == "signal":
-            arrays[name] = (DIMS[name], _lazy(stored))
+            lazy = indexing.LazilyIndexedArray(stored)
+            copied = indexing.CopyOnWriteArray(lazy)  # type: ignore[arg-type]
+            cached = indexing.MemoryCachedArray(copied)  # type: ignore[no-untyped-call]
+            arrays[name] = (DIMS[name], cached)
         else:
             everything = (slice(None),) * len(stored.shape)
             arrays[name] = (DIMS[name], stored.select(everything))
@@ -196,13 +199,6 @@ def _decode(files: CommittedFiles, max_memory: int) -> xr.Dataset:
     variables = {name: arrays[name] for name in _VARIABLES}
     run = xr.Dataset(variables, coords, dict(attrs["attrs"]))
     return described(check_run(run), VARIABLE_ATTRS)
-
-
-def _lazy(stored: _StoredArray) -> Any:
-    """Return an array that xarray reads when it is asked for, and copies before it is changed."""
-    lazy = indexing.LazilyIndexedArray(stored)
-    copied = indexing.CopyOnWriteArray(lazy)  # type: ignore[arg-type]
-    return indexing.MemoryCachedArray(copied)  # type: ignore[no-untyped-call]
 
 
 def read_manifest(path: str | Path) -> dict[str, Any]:

@@ -30,12 +30,14 @@ from flgpr.store.files import (
 )
 from flgpr.store.journal import (
     JOURNAL,
+    MADE_OF,
     Journal,
     JournalError,
     OtherRunError,
     WrittenScan,
+    describe_inputs,
+    difference_from_stored,
 )
-from flgpr.store.made_of import MADE_OF, describe_inputs, difference_from_stored, write_record
 from flgpr.store.outputs import log_finished
 from flgpr.store.run_store import (
     CHECKSUM_BYTES,
@@ -45,7 +47,7 @@ from flgpr.store.run_store import (
     RunStoreError,
     manifest_bytes,
 )
-from flgpr.store.store_layout import DIMS, consolidated_group
+from flgpr.store.store_layout import DIMS
 from flgpr.types import ArrayLike, BoolArray, ComplexArray, FloatArray, floats
 
 GROUP = "zarr.json"
@@ -165,7 +167,19 @@ class RunWriter:
         self._about = describe_inputs(
             self._frequency, self._polarization, self._tx, self._rx, self._attrs, inputs
         )
-        self._journal = self._open_journal(overwrite, resume)
+        self._check_free(overwrite)
+        try:
+            with writing(self.path):
+                journal = Journal(self._partial, self._about, resume)
+        except JournalError as error:
+            raise RunStoreError(f"{self.path}: {error}") from error
+        try:
+            # Another process may have committed the run, or somebody made a link, meanwhile.
+            self._check_free(overwrite)
+        except FileExistsError:
+            self._discard(journal)
+            raise
+        self._journal = journal
         self._drop_unverified_files()
         for folder in self._discarded():
             shutil.rmtree(folder, ignore_errors=True)
@@ -191,22 +205,6 @@ class RunWriter:
         writer = cls(*fixed, inputs=inputs, together=together)
         writer.keeps = True
         return writer
-
-    def _open_journal(self, overwrite: bool, resume: bool) -> Journal:
-        """Return the journal of this run, which no other process holds."""
-        self._check_free(overwrite)
-        try:
-            with writing(self.path):
-                journal = Journal(self._partial, self._about, resume)
-        except JournalError as error:
-            raise RunStoreError(f"{self.path}: {error}") from error
-        try:
-            # Another process may have committed the run, or somebody made a link, meanwhile.
-            self._check_free(overwrite)
-        except FileExistsError:
-            self._discard(journal)
-            raise
-        return journal
 
     def __len__(self) -> int:
         return len(self._journal.scans)
@@ -255,7 +253,16 @@ class RunWriter:
                 f"{self._shape}, got {block.shape}"
             )
         checked_pose = check_poses(np.asarray(pose)[None], 1)[0]
-        self._check_time(time)
+        last = self._journal.scans[-1].time if len(self) else None
+        if self._waiting:
+            last = self._waiting[-1].time
+        decreases = last is not None and time < last
+        if math.isinf(time) or decreases:
+            before = "" if last is None else f" after {last:g}"
+            raise ValueError(
+                "time must be finite, or NaN, and not decrease from scan to scan, "
+                f"got {time:g}{before}"
+            )
         scan = _Scan(block, checked_pose, float(time), measured_sweeps(block))
         self._waiting.append(scan)
         if len(self._waiting) == self._together:
@@ -282,19 +289,6 @@ class RunWriter:
             self._journal.append(written, settled=number == len(waiting))
         self._waiting = []
 
-    def _check_time(self, time: float) -> None:
-        """Refuse a time that is infinite or before that of the last scan."""
-        last = self._journal.scans[-1].time if len(self) else None
-        if self._waiting:
-            last = self._waiting[-1].time
-        decreases = last is not None and time < last
-        if math.isinf(time) or decreases:
-            before = "" if last is None else f" after {last:g}"
-            raise ValueError(
-                "time must be finite, or NaN, and not decrease from scan to scan, "
-                f"got {time:g}{before}"
-            )
-
     def commit(self) -> None:
         """Write the small arrays and the manifest, then give the store its name.
 
@@ -319,10 +313,20 @@ class RunWriter:
                 "attrs": self._attrs,
             }
         )
-        _consolidate(self._partial)
+        folder = Folder(self._partial)
+        arrays = {}
+        for name in DIMS:
+            arrays[name] = folder.json(f"{name}/{GROUP}")
+        group = folder.json(GROUP)
+        consolidated = {"kind": "inline", "must_understand": False, "metadata": arrays}
+        text = json.dumps({**group, "consolidated_metadata": consolidated}, indent=2)
+        write_whole(self._partial / GROUP, text)
         digest = _write_manifest(self._partial, len(scans))
         if self._about["inputs"]:
-            write_record(self._partial, digest, self._about, self._limits)
+            record: dict[str, Any] = {"commit": digest, "about": self._about}
+            if self._limits:
+                record["limits"] = self._limits
+            write_whole(self._partial / MADE_OF, canonical_json(record) + b"\n")
         replace_folder(self._partial, self.path)
         self._committed = True
         # Not before: a kill in between would cost every scan. The next writer removes what a kill
@@ -573,17 +577,6 @@ def _digests(run: xr.Dataset) -> dict[str, Any]:
         values = np.ascontiguousarray(run[name].values)
         digests[name] = sha256(values.view(np.uint8).data)
     return digests
-
-
-def _consolidate(root: Path) -> None:
-    """Let the group's description repeat those of its arrays."""
-    folder = Folder(root)
-    arrays = {}
-    for name in DIMS:
-        arrays[name] = folder.json(f"{name}/{GROUP}")
-    group = folder.json(GROUP)
-    text = json.dumps(consolidated_group(group, arrays), indent=2)
-    write_whole(root / GROUP, text)
 
 
 def _write_manifest(root: Path, scans: int) -> str:

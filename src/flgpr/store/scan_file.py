@@ -195,31 +195,37 @@ def parse_description(value: Any) -> RunDescription:
     if missing:
         raise ScanFileError(f"run description must hold {', '.join(missing)}, which it does not")
     try:
-        description = _description_of(value)
-        _check_description(description)
+        tx = floats(value["tx_m"]).reshape(-1, 3)
+        rx = floats(value["rx_m"]).reshape(-1, 3)
+        tones = floats(value["frequency_hz"])
+        _check_bound("tx_m", tx, _FARTHEST)
+        _check_bound("rx_m", rx, _FARTHEST)
+        _check_bound("frequency_hz", tones, _HIGHEST)
+        counts = (len(value["polarization"]), len(tx), tones.size)
+        size = 8 * math.prod(counts)
+        if size > LARGEST_FRAME or len(tx) > _MOST_PAIRS:
+            raise ScanFileError(
+                f"it must describe scans of at most {_MOST_PAIRS} pairs and {LARGEST_FRAME} bytes, got "
+                f"{counts[0]} polarizations of {counts[1]} pairs and {counts[2]} tones, {size} bytes"
+            )
+        attrs = dict(value.get("attrs") or {})
+        labels = [str(label) for label in value["polarization"]]
+        description = RunDescription(tones, labels, tx, rx, str(value.get("title", "run")), attrs)
+        check_frequency(description.frequency)
+        check_polarization(description.polarization)
+        probe = np.zeros((1, *description.shape[:2], 1), np.complex64)
+        make_run(
+            probe,
+            description.frequency[:1],
+            description.polarization,
+            description.tx_position,
+            description.rx_position,
+            np.zeros((1, 6)),
+        )
+        canonical_json(description.attrs)
     except (ValueError, TypeError, OverflowError, RecursionError) as error:
         raise ScanFileError(f"run description: {error}") from None
     return description
-
-
-def _description_of(value: dict[str, Any]) -> RunDescription:
-    """Return the description in a JSON object, with numbers in their bounds."""
-    tx = floats(value["tx_m"]).reshape(-1, 3)
-    rx = floats(value["rx_m"]).reshape(-1, 3)
-    tones = floats(value["frequency_hz"])
-    _check_bound("tx_m", tx, _FARTHEST)
-    _check_bound("rx_m", rx, _FARTHEST)
-    _check_bound("frequency_hz", tones, _HIGHEST)
-    counts = (len(value["polarization"]), len(tx), tones.size)
-    size = 8 * math.prod(counts)
-    if size > LARGEST_FRAME or len(tx) > _MOST_PAIRS:
-        raise ScanFileError(
-            f"it must describe scans of at most {_MOST_PAIRS} pairs and {LARGEST_FRAME} bytes, got "
-            f"{counts[0]} polarizations of {counts[1]} pairs and {counts[2]} tones, {size} bytes"
-        )
-    attrs = dict(value.get("attrs") or {})
-    labels = [str(label) for label in value["polarization"]]
-    return RunDescription(tones, labels, tx, rx, str(value.get("title", "run")), attrs)
 
 
 def _check_bound(name: str, numbers: FloatArray, most: float) -> None:
@@ -229,22 +235,6 @@ def _check_bound(name: str, numbers: FloatArray, most: float) -> None:
     largest = np.abs(numbers).max()
     if not largest <= most:
         raise ScanFileError(f"{name} must hold numbers up to {most:g}, got {largest:g}")
-
-
-def _check_description(description: RunDescription) -> None:
-    """Check a description by the rules of a run, with one scan of one tone."""
-    check_frequency(description.frequency)
-    check_polarization(description.polarization)
-    probe = np.zeros((1, *description.shape[:2], 1), np.complex64)
-    make_run(
-        probe,
-        description.frequency[:1],
-        description.polarization,
-        description.tx_position,
-        description.rx_position,
-        np.zeros((1, 6)),
-    )
-    canonical_json(description.attrs)
 
 
 def as_run(description: RunDescription, scan: Scan) -> xr.Dataset:

@@ -135,17 +135,6 @@ def _consolidated(group: Mapping[str, Any]) -> dict[str, Any] | None:
     return metadata
 
 
-def consolidated_group(
-    group: Mapping[str, Any], arrays: Mapping[str, Mapping[str, Any]]
-) -> dict[str, Any]:
-    """Return a group's description that repeats those of its arrays.
-
-    Libraries then open a store without listing its folder, as Zarr and xarray would rather.
-    """
-    consolidated = {"kind": "inline", "must_understand": False, "metadata": dict(arrays)}
-    return {**group, "consolidated_metadata": consolidated}
-
-
 def _layout(name: str, description: dict[str, Any]) -> ArrayLayout:
     """Return the layout of an array, whose description must be as run stores are written."""
     rank = len(DIMS[name])
@@ -163,7 +152,17 @@ def _layout(name: str, description: dict[str, Any]) -> ArrayLayout:
         raise ValueError(
             f"{name}: its dimensions must be {DIMS[name]}, got {description.get('dimension_names')}"
         )
-    _check_codecs(name, description)
+    codecs = []
+    for codec in description.get("codecs", []):
+        codecs.append(codec.get("name") if isinstance(codec, dict) else codec)
+    is_plain = codecs in (["bytes", "crc32c"], ["bytes"])
+    if not is_plain or description.get("storage_transformers"):
+        raise ValueError(
+            f"{name}: its codecs must be bytes and crc32c, nothing that expands, got {codecs}"
+        )
+    key_encoding = description.get("chunk_key_encoding")
+    if key_encoding != _CHUNK_KEYS:
+        raise ValueError(f"{name}: its chunks must have the default names, got {key_encoding}")
     endian = description["codecs"][0].get("configuration", {}).get("endian", "little")
     if endian not in ("little", "big"):
         raise ValueError(f"{name}: its bytes must be little or big endian, got {endian}")
@@ -176,21 +175,6 @@ def _shape(label: str, value: Any, rank: int) -> tuple[int, ...]:
     if not is_list or not all(type(n) is int and 0 < n < 2**53 for n in value):
         raise ValueError(f"{label} must be {rank} positive whole numbers, got {value}")
     return tuple(value)
-
-
-def _check_codecs(name: str, description: dict[str, Any]) -> None:
-    """Refuse chunks that are compressed, transformed or named in another way."""
-    codecs = []
-    for codec in description.get("codecs", []):
-        codecs.append(codec.get("name") if isinstance(codec, dict) else codec)
-    is_plain = codecs in (["bytes", "crc32c"], ["bytes"])
-    if not is_plain or description.get("storage_transformers"):
-        raise ValueError(
-            f"{name}: its codecs must be bytes and crc32c, nothing that expands, got {codecs}"
-        )
-    key_encoding = description.get("chunk_key_encoding")
-    if key_encoding != _CHUNK_KEYS:
-        raise ValueError(f"{name}: its chunks must have the default names, got {key_encoding}")
 
 
 def _check_chunks(name: str, layout: ArrayLayout, files: Mapping[str, Mapping[str, Any]]) -> None:

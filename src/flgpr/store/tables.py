@@ -411,7 +411,10 @@ def parse_columns(data: bytes, *texts: str) -> pd.DataFrame:
             f"got both in {head.strip()[:80]!r}"
         )
     decimal = "." if mark == "," else _decimal_mark(text, mark, texts)
-    return unquoted(parse_csv(text, mark, decimal=decimal, dtype=as_text))
+    bare = parse_csv(text, mark, decimal=decimal, dtype=as_text).rename(columns=plain_text)
+    for number in _text_columns(bare):
+        bare.isetitem(number, bare.iloc[:, number].map(plain_text).array)
+    return bare
 
 
 def parse_csv(
@@ -538,14 +541,6 @@ def csv_text(table: pd.DataFrame) -> str:
     # A lone CR without quotes would be read as the end of a line.
     quoting: Literal[0, 2] = csv.QUOTE_NONNUMERIC if has_returns else csv.QUOTE_MINIMAL
     return str(quoted.to_csv(index=False, lineterminator="\n", quoting=quoting))
-
-
-def unquoted(table: pd.DataFrame) -> pd.DataFrame:
-    """Return a table that was read without the apostrophes that :func:`csv_text` put there."""
-    bare = table.rename(columns=plain_text)
-    for number in _text_columns(bare):
-        bare.isetitem(number, bare.iloc[:, number].map(plain_text).array)
-    return bare
 
 
 def _text_columns(table: pd.DataFrame) -> list[int]:

@@ -3,20 +3,42 @@
 from __future__ import annotations
 
 import json
+from operator import itemgetter
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from flgpr.door import read_named
 from flgpr.json_text import check_format, parse_json
+from flgpr.model.faults import first_fault
 from flgpr.store.files import existing
 
 VERDICTS = ("mine", "unsure", "clutter")
 VERDICTS_FORMAT = "flgpr-notes"
 VERDICTS_VERSION = 1
 MOST_VERDICT_BYTES = 16 * 2**20
-_KEY = ("result_sha256", "result", "detection", "alarm_id")
-_MOST_TEXT = 500  # characters of an analyst's text
 _FARTHEST = 1e9  # coordinate of an alarm, m
+_Coordinate = Annotated[int | float, Field(gt=-_FARTHEST, lt=_FARTHEST)]
+
+
+class _Verdict(BaseModel):
+    """A note on an alarm; entries that are not known are left out."""
+
+    model_config = ConfigDict(strict=True, allow_inf_nan=False)
+
+    result_sha256: str = ""
+    result: str = ""
+    detection: str = ""
+    alarm_id: Annotated[str, Field(min_length=1)]
+    x: _Coordinate | None = None  #: m; None where it is unknown
+    y: _Coordinate | None = None
+    verdict: Literal["mine", "unsure", "clutter", ""] = ""
+    text: Annotated[str, AfterValidator(itemgetter(slice(500)))] = ""
+
+
+class _Verdicts(BaseModel):
+    notes: list[_Verdict]
 
 
 def read_verdicts(path: str | Path) -> list[dict[str, Any]]:
@@ -109,10 +131,11 @@ def check_verdicts(content: Any) -> list[dict[str, Any]]:
     if not isinstance(content, dict):
         content = {}
     check_format(content, VERDICTS_FORMAT, VERDICTS_VERSION)
-    notes = content.get("notes")
-    if not isinstance(notes, list):
-        raise ValueError("notes must be a list")
-    checked = [_checked(note, number) for number, note in enumerate(notes)]
+    try:
+        notes = _Verdicts.model_validate(content).notes
+    except ValidationError as error:
+        raise ValueError(first_fault(error, _Verdicts)) from None
+    checked = [note.model_dump() for note in notes]
     alarms = {verdict_key(note) for note in checked}
     if len(alarms) < len(checked):
         raise ValueError("notes must name every alarm once")
@@ -133,32 +156,3 @@ def verdict_key(note: dict[str, Any]) -> tuple[str, str, str]:
         The result by its identity, or by its title if that is unknown; the detection; the alarm.
     """
     return note["result_sha256"] or note["result"], note["detection"], note["alarm_id"]
-
-
-def _checked(note: Any, number: int) -> dict[str, Any]:
-    """Return the known entries of a note; ``number`` is its place in the list, for messages."""
-    if not isinstance(note, dict):
-        raise ValueError(f"notes[{number}] must be an object")
-    text = {name: note.get(name, "") for name in (*_KEY, "verdict", "text")}
-    for name, value in text.items():
-        if not isinstance(value, str):
-            raise ValueError(f"notes[{number}].{name} must be text")
-    if not text["alarm_id"]:
-        raise ValueError(f"notes[{number}].alarm_id must be text")
-    if text["verdict"] not in (*VERDICTS, ""):
-        raise ValueError(
-            f"notes[{number}].verdict must be {', '.join(VERDICTS)} or empty, "
-            f"got {text['verdict']!r}"
-        )
-    position = {name: note.get(name) for name in ("x", "y")}
-    if not all(map(_is_coordinate, position.values())):
-        raise ValueError(f"notes[{number}] must have x and y in metres")
-    key = {name: text[name] for name in _KEY}
-    return {**key, **position, "verdict": text["verdict"], "text": text["text"][:_MOST_TEXT]}
-
-
-def _is_coordinate(value: Any) -> bool:
-    """Return whether a value is a coordinate in metres, or None where it is unknown."""
-    if value is None:
-        return True
-    return isinstance(value, int | float) and abs(value) < _FARTHEST

@@ -3,9 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from flgpr.json_text import canonical_json, parse_json, sha256
+from flgpr.model.faults import first_fault
 
 VIEW_FORMAT = "flgpr-view"
 VIEW_VERSION = 1
@@ -68,6 +78,68 @@ def view_score_body(data: bytes, identity: str) -> bytes:
     return body
 
 
+class _Entries(BaseModel):
+    """What a server computes with of a table of the index; other entries are the page's."""
+
+    model_config = ConfigDict(strict=True, allow_inf_nan=False)
+
+
+_Count = Annotated[int, Field(ge=0, le=_MOST_COUNT)]
+_Metres = Annotated[float, Field(gt=-_MOST_COUNT, lt=_MOST_COUNT)]
+
+
+class _Lane(_Entries):
+    x_min: _Metres
+    x_max: _Metres
+    y_min: _Metres
+    y_max: _Metres
+
+
+class _Grid(_Entries):
+    nx: Annotated[int, Field(ge=1, le=_MOST_COUNT)]
+
+
+class _Level(_Entries):
+    file: str
+    rows: _Count
+
+
+class _Layer(_Entries):
+    levels: list[_Level]
+
+
+class _Evidence(_Entries):
+    file: str = ""
+    start: list[_Count] = Field(default_factory=list)
+
+    @field_validator("start")
+    @classmethod
+    def _ascends(cls, start: list[int]) -> list[int]:
+        if start != sorted(start):
+            raise ValueError("must ascend, got places in the file that do not")
+        return start
+
+
+class _Detection(_Entries):
+    evidence: _Evidence = _Evidence()
+
+
+class _Index(_Entries):
+    title: str
+    lane: _Lane
+    georeference: dict[str, Any] | None = None
+    grid: _Grid | None = None
+    tile_rows: _Count = 0
+    layers: list[_Layer]
+    detections: list[_Detection]
+
+    @model_validator(mode="after")
+    def _has_tiles(self) -> _Index:
+        if self.layers and (self.grid is None or not self.tile_rows):
+            raise ValueError("grid and tile_rows must be given for layers")
+        return self
+
+
 def check_view_index(index: Any) -> dict[str, Any]:
     """Return the index of a result's view, of which all that a server computes with was checked.
 
@@ -86,69 +158,11 @@ def check_view_index(index: Any) -> dict[str, Any]:
     ValueError
         If an entry is missing or of another kind; the error names it.
     """
-    _must_be(index, dict, "it")
-    if index.get("format") != VIEW_FORMAT or index.get("version") != VIEW_VERSION:
+    head = (index.get("format"), index.get("version")) if isinstance(index, dict) else ()
+    if head != (VIEW_FORMAT, VIEW_VERSION):
         raise ValueError(f"it must be {VIEW_FORMAT} version {VIEW_VERSION}")
-    _must_be(index.get("title"), str, "title")
-    _check_border(index.get("lane"))
-    if index.get("georeference") is not None:
-        _must_be(index["georeference"], dict, "georeference")
-    layers = _must_be(index.get("layers"), list, "layers")
-    if layers:
-        _count(index.get("tile_rows"), "tile_rows", least=1)
-        _count(_must_be(index.get("grid"), dict, "grid").get("nx"), "grid.nx", least=1)
-    for number, layer in enumerate(layers):
-        where = f"layers[{number}]"
-        _must_be(layer, dict, where)
-        for level in _must_be(layer.get("levels"), list, f"{where}.levels"):
-            _must_be(level, dict, f"{where}.levels")
-            _must_be(level.get("file"), str, f"{where}.levels.file")
-            _count(level.get("rows"), f"{where}.levels.rows")
-    for number, detection in enumerate(_must_be(index.get("detections"), list, "detections")):
-        where = f"detections[{number}]"
-        _must_be(detection, dict, where)
-        if "evidence" in detection:
-            _check_evidence(detection["evidence"], f"{where}.evidence")
+    try:
+        _Index.model_validate(index)
+    except ValidationError as error:
+        raise ValueError(first_fault(error, _Index, "it")) from None
     return dict(index)
-
-
-def _check_border(lane: Any) -> None:
-    """Refuse what is no lane of four finite numbers."""
-    _must_be(lane, dict, "lane")
-    for name in ("x_min", "x_max", "y_min", "y_max"):
-        value = lane.get(name)
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not is_number or not abs(value) < _MOST_COUNT:
-            raise ValueError(f"lane.{name} must be a number, got {_shown(value)}")
-
-
-def _check_evidence(evidence: Any, where: str) -> None:
-    """Refuse evidence of alarms whose places in its file are no ascending numbers."""
-    _must_be(evidence, dict, where)
-    _must_be(evidence.get("file"), str, f"{where}.file")
-    last = 0
-    for place in _must_be(evidence.get("start"), list, f"{where}.start"):
-        last = _count(place, f"{where}.start", least=last)
-
-
-def _must_be(value: Any, kind: type, name: str) -> Any:
-    """Return a value of JSON if it is of a kind."""
-    if not isinstance(value, kind):
-        kinds: dict[type, str] = {dict: "an object", list: "a list", str: "text"}
-        raise ValueError(f"{name} must be {kinds[kind]}, got {_shown(value)}")
-    return value
-
-
-def _count(value: Any, name: str, least: int = 0) -> int:
-    """Return a value of JSON if it is a whole number from ``least`` on."""
-    is_whole = isinstance(value, int) and not isinstance(value, bool)
-    if not is_whole or not least <= value <= _MOST_COUNT:
-        raise ValueError(f"{name} must be a whole number from {least} on, got {_shown(value)}")
-    return int(value)
-
-
-def _shown(value: Any) -> str:
-    """Return a value of JSON as a short text."""
-    if isinstance(value, dict | list):
-        return "an object" if isinstance(value, dict) else "a list"
-    return "null" if value is None else repr(value)[:40]

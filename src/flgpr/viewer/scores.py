@@ -104,7 +104,16 @@ class ScoreFiles(IndexOnly):
             stated = content["rules"]
             rules = {name: stated[name] for name in _RULES if name in stated}
             rules |= _truth_digest(content["notes"])
-            view_score = _view_score(detections, rules)
+            view_score: dict[str, Any] = {
+                "halo": rules.get("halo_radius"),
+                "truth": {"target_id": [], "x": [], "y": [], "kind": [], "depth": []},
+                "objects": None,
+                "kinds": [],
+                "depths": [],
+                "target_depth": [],
+                "detections": detections,
+                "rules": rules,
+            }
             self._score = canonical_json(view_score)
         except (ValueError, KeyError, TypeError, AttributeError, IndexError, OSError) as error:
             raise ValueError(
@@ -142,20 +151,6 @@ def _empty_index(title: str, names: Sequence[str]) -> dict[str, Any]:
         "scans": scans,
         "georeference": None,
         "detections": detections,
-    }
-
-
-def _view_score(detections: Mapping[str, Any], rules: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the viewer's score of detections without a truth that may be shown."""
-    return {
-        "halo": rules.get("halo_radius"),
-        "truth": {"target_id": [], "x": [], "y": [], "kind": [], "depth": []},
-        "objects": None,
-        "kinds": [],
-        "depths": [],
-        "target_depth": [],
-        "detections": detections,
-        "rules": rules,
     }
 
 

@@ -14,6 +14,7 @@ import threading
 import warnings
 import webbrowser
 from collections.abc import Awaitable, Callable, Mapping, Sequence
+from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import Any, Protocol
@@ -29,8 +30,13 @@ from flgpr.geo import map_backdrop, read_anchor
 from flgpr.store import MOST_VERDICT_BYTES, RunStoreError
 from flgpr.store.answers import MOST_ANSWER_BYTES, add_answer
 from flgpr.viewer.guard import Guard, is_loopback
-from flgpr.viewer.limits import LimitedConfig, LimitedServer, Limits, fit_to_process
-from flgpr.viewer.listening import listening_socket
+from flgpr.viewer.limits import (
+    LimitedConfig,
+    LimitedServer,
+    Limits,
+    fit_to_process,
+    listening_socket,
+)
 from flgpr.viewer.session import (
     LIVE_FILE,
     LiveFile,
@@ -252,10 +258,14 @@ class Viewer:
             answers[f"/{name}"] = _static(name)
         routes = [Route(path, _endpoint(read), methods=["GET"]) for path, read in answers.items()]
         if self._verdicts is not None:
-            endpoint = self._of_verdicts(self._verdicts)
+            endpoint = _written(
+                "verdicts are", MOST_VERDICT_BYTES, self._verdicts.write, self._verdicts.read
+            )
             routes.append(Route(VERDICTS_PATH, endpoint, methods=["GET", "PUT"]))
         if self._live is not None:
-            endpoint = self._to_answers(self._live.folder)
+            endpoint = _written(
+                "answer is", MOST_ANSWER_BYTES, partial(add_answer, self._live.folder)
+            )
             routes.append(Route(ANSWERS_PATH, endpoint, methods=["PUT"]))
         return routes
 
@@ -336,47 +346,6 @@ class Viewer:
             if source is None:
                 raise HTTPException(404)
             return _answer(read(source, request.path_params), kind)
-
-        return answer
-
-    def _of_verdicts(self, file: VerdictFile) -> Endpoint:
-        """Return an endpoint that reads the verdicts and saves those of the page.
-
-        Verdicts that break a rule are answered with the reason, and nothing is written.
-        """
-
-        async def answer(request: Request) -> Response:
-            try:
-                if request.method != "PUT":
-                    return _json_answer(await run_in_threadpool(file.read))
-                body = await _body(request, MOST_VERDICT_BYTES)
-                if body is None:
-                    return _refusal("verdicts are too large", 413)
-                return _json_answer(await run_in_threadpool(file.write, body))
-            except ClientDisconnect:  # nobody reads the answer, and nothing is written
-                return Response(status_code=408)
-            except (ValueError, OSError, RecursionError) as error:
-                prefix = "verdicts are not saved: " if request.method == "PUT" else ""
-                return _refusal(f"{prefix}{error}", 409)
-
-        return answer
-
-    def _to_answers(self, folder: Path) -> Endpoint:
-        """Return an endpoint that adds a driver's answer to the log of a live run.
-
-        One that breaks a rule is answered with the reason, and nothing is written.
-        """
-
-        async def answer(request: Request) -> Response:
-            try:
-                body = await _body(request, MOST_ANSWER_BYTES)
-                if body is None:
-                    return _refusal("answer is too large", 413)
-                return _json_answer(await run_in_threadpool(add_answer, folder, body))
-            except ClientDisconnect:  # nobody reads the answer, and nothing is written
-                return Response(status_code=408)
-            except (ValueError, OSError, RecursionError) as error:
-                return _refusal(f"answer is not kept: {error}", 409)
 
         return answer
 
@@ -463,6 +432,35 @@ def _endpoint(read: Callable[[Request], Response]) -> Endpoint:
                 f"{type(error).__name__} {str(error)[:_LONGEST_REASON]}",
                 422,
             )
+
+    return answer
+
+
+def _written(
+    what: str,
+    most: int,
+    write: Callable[[bytes], dict[str, Any]],
+    read: Callable[[], dict[str, Any]] | None = None,
+) -> Endpoint:
+    """Return an endpoint that keeps what a page writes, and reads it where that is asked for.
+
+    What breaks a rule is answered with the reason, and nothing is written.
+    """
+
+    async def answer(request: Request) -> Response:
+        prefix = f"{what} not kept: "
+        try:
+            if read is not None and request.method != "PUT":
+                prefix = ""
+                return _json_answer(await run_in_threadpool(read))
+            body = await _body(request, most)
+            if body is None:
+                return _refusal(f"{what} too large", 413)
+            return _json_answer(await run_in_threadpool(write, body))
+        except ClientDisconnect:  # nobody reads the answer, and nothing is written
+            return Response(status_code=408)
+        except (ValueError, OSError, RecursionError) as error:
+            return _refusal(f"{prefix}{error}", 409)
 
     return answer
 

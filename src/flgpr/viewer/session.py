@@ -95,7 +95,9 @@ class ResultFiles:
         ViewError
             If the score is altered or belongs to another result.
         """
-        files = self._score_folder()
+        # The manifest is read again, for the result may have been scored meanwhile.
+        other = self._other_score
+        files = _listed_by_manifest(self.folder)[1] if other is None else Folder(other)
         if not files.has(VIEW_SCORE):
             return None
         with _as_view_error():
@@ -105,15 +107,6 @@ class ResultFiles:
             return view_score_body(data, self.identity)
         except ValueError as error:
             raise ViewError(f"{VIEW_SCORE} {error}; run `flgpr.score` again") from None
-
-    def _score_folder(self) -> Folder:
-        """Return the folder of the score.
-
-        The result's manifest is read again, for the result may have been scored meanwhile.
-        """
-        if self._other_score is not None:
-            return Folder(self._other_score)
-        return _listed_by_manifest(self.folder)[1]
 
     def tile(self, layer: int, level: int, tile: int) -> bytes | None:
         """Return a tile, ``tile_rows`` rows of a layer; None if there is no such tile.

@@ -281,7 +281,11 @@ def masks_stage(runs: Mapping[str, xr.Dataset], recipe: FuseRecipe) -> MaskedSup
     # The stage learns its thresholds later, from truths of its own.
     none = pd.DataFrame({"x": [], "y": []})
     imaged = ImagedRun(runs["l"], recipe.chain(), recipe.lane, others=other_runs, truth=none)
-    Engine(imaged.stage_passes(), len(imaged), imaged.results).run()
+    Engine(
+        [planned for stage in imaged.all_stages for planned in stage.passes()],
+        len(imaged),
+        imaged.results,
+    ).run()
     return cast("MaskedSuppression", imaged.clutter_stages["clutter.masks"])
 
 

@@ -125,7 +125,10 @@ class Pool:
         self.results = list(results)
         self.features = pd.concat([result.features for result in results], ignore_index=True)
         self.labels = label_lanes(
-            [(result.name, result.alarms, result.truth, result.lane) for result in results]
+            [
+                (result.name, result.alarms, result.features, result.truth, result.lane)
+                for result in results
+            ]
         )
         self.reference = matched(results, [result.alarms for result in results])
         self.scorer = Rescorer(self.reference, MINES, FAR_MAX, AREA)

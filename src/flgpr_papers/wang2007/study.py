@@ -27,7 +27,7 @@ from flgpr.model import Sensor, check_tones
 from flgpr.progress import Track, silent
 from flgpr.recipe.schema import parse_recipe
 from flgpr.results.description import describe_run
-from flgpr.results.errors import ResultError
+from flgpr.results.manifest import ResultError
 from flgpr.results.result import read_result, write_result
 from flgpr.scoring import Match, pd_mean, roc_of
 from flgpr.screen import MeanViewSums, RunViewSums, view_array

@@ -3,21 +3,19 @@
 Contrast and polarimetric features are those of Wang et al. 2007, Eq. 5 to 17
 (``features/alarm_features.py``). The other columns are those of the recipe's feature stages: a new
 column is a stage such as ``stages/tracking.py``, and its row in ``stages/__init__.py``.
+
+What explains the alarms to the viewer: patches, cuts and A-scans of the nearest looks.
 """
 
 from __future__ import annotations
-
-from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
 
 from flgpr.method.alarm_sums import AlarmSums
-from flgpr.method.cache_key import features_key
 from flgpr.method.imaged_run import ImagedRun, table_arrays
-from flgpr.method.imaged_scan import ImagedScan
-from flgpr.method.passes.traversal import Pass
-from flgpr.types import AnyArray, Arrays, IndexArray
+from flgpr.method.passes.traversal import ImagedScan, Pass, features_key
+from flgpr.types import Arrays, FloatArray, IndexArray
 
 
 class Features(Pass):
@@ -33,22 +31,13 @@ class Features(Pass):
     cache_key = staticmethod(features_key)
 
     def __init__(self, lane: ImagedRun, block: range | None) -> None:
-        super().__init__(lane, block)
         alarms = lane.alarms()
         rows = np.arange(len(alarms)) if block is None else alarms_near(lane, alarms, block)
-        self._sums = AlarmSums(lane.steps, alarms.iloc[rows], rows)
+        super().__init__(lane, block, AlarmSums(lane.steps, alarms.iloc[rows], rows))
 
     def add(self, scan: ImagedScan) -> None:
         """Add a scan's values at the alarms that it sees."""
         self._sums.add(scan.cleaned)
-
-    def state(self, exact: bool) -> Arrays:  # noqa: ARG002
-        """Return the sums of the alarms that the block may see."""
-        return self._sums.state()
-
-    def merge(self, state: Mapping[str, AnyArray]) -> None:
-        """Merge the sums of the block that follows."""
-        self._sums.merge(state)
 
     def result(self) -> Arrays:
         """Return the features of all alarms."""
@@ -64,3 +53,40 @@ def alarms_near(lane: ImagedRun, alarms: pd.DataFrame, block: range) -> IndexArr
     y = alarms["y"].to_numpy(dtype=np.float64)
     may_see = (y >= y_of_block.min() - farthest) & (y <= y_of_block.max() + farthest)
     return np.flatnonzero(may_see)
+
+
+class Explain(Pass):
+    """The nearest looks at the strongest alarms, see :class:`flgpr.method.evidence.EvidenceSums`."""
+
+    name = "explain"
+    title = "what explains the alarms"
+    needs = ("gain", "alarms")
+    explains = True
+    cache_key = staticmethod(features_key)
+
+    def __init__(self, lane: ImagedRun, block: range | None) -> None:
+        poses = None if block is None else poses_near(lane, block)
+        super().__init__(lane, block, lane.evidence_sums(poses))
+
+    def add(self, scan: ImagedScan) -> None:
+        """Cut patches about the alarms that the scan sees from near out of its images."""
+        self._sums.add(self.lane.steps.labelled(scan.cleaned), scan.data)
+
+    def result(self) -> Arrays:
+        """Return the nearest looks, for :meth:`flgpr.method.evidence.EvidenceSums.merge`."""
+        return self._sums.state()
+
+
+def poses_near(lane: ImagedRun, block: range) -> dict[int, FloatArray]:
+    """Return the poses of all scans that may see what a scan of the block sees, by scan number."""
+    scans = lane.imager.scans
+    poses = lane.setup.run["pose"].values
+    y = poses[scans, 1]
+    y_of_block = poses[scans[block.start : block.stop], 1]
+
+    # Two scans can see the same ground where their images, turned by any heading, overlap.
+    farthest = float(np.abs(lane.near.extent()).max()) * np.sqrt(2)
+    first = y_of_block.min() - 2 * farthest
+    last = y_of_block.max() + 2 * farthest
+    overlaps = (y >= first) & (y <= last)
+    return {int(scan): poses[scan] for scan in scans[overlaps]}

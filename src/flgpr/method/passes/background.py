@@ -1,4 +1,9 @@
-"""The gain background, in units of which images are cleaned (Wang et al. 2007, Eq. 3 and 4)."""
+"""The background of the images: self-signature and gain, and what the clutter of a lane is.
+
+The self-signature, and the gain of every scan, are those of Wang et al. 2007, Eq. 2. The gain
+background, in units of which images are cleaned, is that of Eq. 3 and 4. The clutter is a lane's as
+the learnt map sees it, to be compared with that of the training lanes.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +11,55 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from flgpr.clutter import Background, shared_level
-from flgpr.method.cache_key import background_key
+from flgpr.clutter import Background, BackgroundEstimator, shared_level
 from flgpr.method.imaged_run import ImagedRun
-from flgpr.method.imaged_scan import ImagedScan
-from flgpr.method.passes.signature import background_estimator
-from flgpr.method.passes.traversal import Pass
+from flgpr.method.passes.traversal import ImagedScan, Pass, background_key
+from flgpr.method.unlike import MEASURED, SIZES, chosen_scans, size_number
 from flgpr.types import AnyArray, Arrays, FloatArray
+
+
+class SelfSignaturePass(Pass):
+    """The self-signature: what looks the same in all scans because it belongs to the vehicle.
+
+    It is the clipped mean of all images, each over its gain (Eq. 2), their median, or zero, as the
+    recipe has it. The sums are those of :class:`flgpr.clutter.BackgroundEstimator`
+    (``clutter/streaming.py``): ``measure`` gives the gain, ``add_signature`` the sum and
+    ``signature`` the mean.
+
+    The result holds ``gains`` (scan, polarization, subband), and ``signature`` and ``shared``
+    (polarization, subband, y, x), the latter with gains that the polarizations share.
+    """
+
+    name = "signature"
+    title = "self-signature"
+    all_scans = True
+    cache_key = staticmethod(background_key)
+
+    def __init__(self, lane: ImagedRun, block: range | None) -> None:
+        super().__init__(lane, block)
+        self._estimator = background_estimator(lane)
+
+    def add(self, scan: ImagedScan) -> None:
+        """Add a scan's whole image: its gain is that of all of it."""
+        self._estimator.add_signature(self.lane.scan_image(scan.index).values)
+
+    def state(self, exact: bool) -> Arrays:
+        """Return the totals of Eq. 2 and the gains of the scans so far."""
+        return self._estimator.first_sums(exact)
+
+    def merge(self, state: Mapping[str, AnyArray]) -> None:
+        """Merge the totals and gains of the block that follows."""
+        self._estimator.take_first(dict(state))
+
+    def result(self) -> Arrays:
+        """Return the signature and all gains."""
+        return self._estimator.first_result()
+
+
+def background_estimator(lane: ImagedRun) -> BackgroundEstimator:
+    """Make the estimator of a recipe's background, as far ahead as counts."""
+    method = lane.recipe.background.self_signature
+    return BackgroundEstimator(*lane.recipe.smoothing, method, lane.background_rows)
 
 
 class _GainBackground(Pass):
@@ -125,3 +172,49 @@ def _background(first: Mapping[str, AnyArray], level: FloatArray) -> Arrays:
     shared = shared_level(gain, first["gains"])
     background = Background(first["signature"], gain, first["shared"], shared)
     return {"gains": first["gains"]} | vars(background)
+
+
+class LaneClutter(Pass):
+    """Sums of the clutter of some scans of a lane.
+
+    The result holds the arrays of the map's ``clutter_of`` with a first axis: its sums up to a
+    number are those of the first ``SIZES`` scans that are looked at. ``scans`` is their number.
+    """
+
+    name = MEASURED
+    title = "clutter compared with the training"
+    needs = ("gain",)
+    all_scans = True
+
+    def __init__(self, lane: ImagedRun, block: range | None) -> None:
+        super().__init__(lane, block, {})
+        chosen = chosen_scans(len(lane)).tolist()
+        self._places = {index: place for place, index in enumerate(chosen)}
+
+    def add(self, scan: ImagedScan) -> None:
+        """Add the clutter of a scan, if it is one of those that are looked at."""
+        place = self._places.get(scan.index)
+        if place is None:
+            return
+        lane = self.lane
+        image = scan.near_image
+        coherent = lane.background.own_coherent(image.values, scan.gain)
+        of_scan = lane.mapper.clutter_of(image.copy(data=coherent))
+        arrays = {}
+        for name, array in of_scan.items():
+            arrays[name] = np.zeros((len(SIZES), *array.shape), array.dtype)
+            arrays[name][size_number(place)] = array
+        self.merge(arrays)
+
+    def state(self, exact: bool) -> Arrays:  # noqa: ARG002
+        """Return the sums; none where no scan of the block is looked at."""
+        return dict(self._sums)
+
+    def merge(self, state: Mapping[str, AnyArray]) -> None:
+        """Add the sums of the block that follows, or of a scan."""
+        for name, array in state.items():
+            self._sums[name] = self._sums[name] + array if name in self._sums else np.array(array)
+
+    def result(self) -> Arrays:
+        """Return the sums."""
+        return self._sums | {"scans": np.array(len(self._places))}
