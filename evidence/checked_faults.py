@@ -25,8 +25,9 @@ from common import markdown
 from faults import SEED, drive, interference
 from flgpr.health.checking import RIGHT, UNSEEN, check_run
 from flgpr.model import make_run
-from flgpr.store import open_run
-from health_limits import ARRAYS, stored_drive
+from flgpr.store import open_run, save_run
+from health_limits import ARRAYS
+from health_limits import drive as short_drive
 
 SITE = "prepared-sand"
 Parts = dict[str, np.ndarray]
@@ -105,6 +106,16 @@ def faulty(run: xr.Dataset, name: str) -> xr.Dataset:
     return make_run(signal, *parts.values(), {"title": name})
 
 
+def stored(folder: Path, name: str) -> xr.Dataset:
+    """Return a drive, simulated by this or by an earlier call."""
+    if name == "drive":
+        return open_run(drive(folder))
+    path = folder / f"{name}-{SITE}-1.zarr"
+    if not path.exists():
+        save_run(short_drive(SITE, name, 1), path)
+    return open_run(path)
+
+
 def checked(run: xr.Dataset) -> dict[str, object]:
     """Check a run, and return the verdict, and what is wrong or doubtful."""
     begun = time.monotonic()
@@ -144,8 +155,7 @@ def main() -> None:
     rows = [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []
     done = {(row["drive"], row["fault"]) for row in rows}
     for name in [] if options.table else options.drives:
-        whole = name == "drive"
-        run = open_run(drive(options.work)) if whole else stored_drive(options.work, SITE, name, 1)
+        run = stored(options.work, name)
         for fault in options.only:
             if (name, fault) in done:
                 continue

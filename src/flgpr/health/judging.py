@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from flgpr.health.channels import channel_levels
 from flgpr.health.findings import (
     CLEAR,
-    DEVIATIONS,
     LEAST_SCANS,
     LEAST_TONES,
     LIMITS,
@@ -25,7 +24,7 @@ from flgpr.health.findings import (
     finding,
     listed,
 )
-from flgpr.health.geometry import GeometryFigures, deviations, like_polarized, mean, median
+from flgpr.health.focus import like_polarized
 from flgpr.health.sums import LEAST_POWER, HealthSums
 from flgpr.model import Lane
 from flgpr.types import FloatArray
@@ -145,32 +144,6 @@ def what_to_leave_out(findings: Sequence[Finding], radar: Radar) -> Health:
         left = f"{len(numbers)} {what}{'' if len(numbers) == 1 else 's'} left out"
         settled.append(one.acted(left))
     return Health(tuple(settled), LeftOut(tuple(sorted(pairs)), tuple(sorted(tones))))
-
-
-def judge_geometry(figures: GeometryFigures) -> list[Finding]:
-    """Return what a sub-sample of scans tells of paths, receivers and poses."""
-    path_db = median(figures.path_db)
-    if path_db < -LIMITS["paths"].most:
-        what = "conjugated, or their tones are in reverse order"
-        conjugated = median(figures.conjugated)
-        if conjugated > 1.25:
-            what = "conjugated (or, less likely, their tones are in reverse order)"
-        elif conjugated < 0.8:
-            what = "in reverse order of the tones (or, less likely, conjugated)"
-        # The looks of such data say nothing.
-        return [finding("paths", -path_db, what)]
-    found = _better("receivers", figures.receivers)
-    turned = _better("heading", figures.heading)
-    if turned:
-        return found + turned
-    return found + _better("lag", figures.late, "after") + _better("lag", figures.early, "before")
-
-
-def _better(name: str, differences: Sequence[float], where: str = "") -> list[Finding]:
-    """Return whether another assumption fits better than what is stated, beyond chance."""
-    value = mean(differences)
-    is_better = value > LIMITS[name].most and deviations(differences) > DEVIATIONS
-    return [finding(name, value, where)] if is_better else []
 
 
 def judge_motion(steps: FloatArray, change_db: FloatArray) -> list[Finding]:
