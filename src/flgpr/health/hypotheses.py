@@ -3,8 +3,8 @@
 One question, one table (``HYPOTHESES``), one figure (:meth:`~flgpr.health.focus.Taken.agreement`) and
 one judgement (:attr:`Way.is_sure`). Data of the other sign of phase, pairs in another order, a turned
 heading, poses of another scan, another height or another unit make consecutive looks agree less, and
-undoing it makes them agree more. ``flgpr check`` tries all; ``flgpr detect`` does so where one of the
-quick ones, on a few scans, is better than what is stated; live tries these alone.
+undoing it makes them agree more. ``flgpr check`` tries all; ``flgpr detect`` and live try the quick
+ones, and the former looks at more than a few scans only where one is better there.
 """
 
 from __future__ import annotations
@@ -349,12 +349,20 @@ def best_way(ways: Sequence[Way]) -> Way | None:
     )
 
 
-def best_ways(taken: Taken) -> Ways:
-    """Find what makes the looks of a run agree better, one thing after the other."""
+def best_ways(taken: Taken, quick: bool) -> Ways:
+    """Find what makes the looks of a run agree better, one thing after the other.
+
+    Parameters
+    ----------
+    taken : Taken
+        Scans of a run.
+    quick : bool
+        Whether the quick ways alone are tried.
+    """
     adopted: list[Way] = []
     while True:
         values = taken.agreement()
-        others = _others(taken, values)
+        others = _others(taken, values, quick)
         rows = {way.hypothesis.unit for way in adopted if way.is_step}  # one step of each is enough
         best = best_way([way for way in others if way.hypothesis.unit not in rows])
         if best is None or len(adopted) == _MOST_CHANGES:
@@ -365,7 +373,7 @@ def best_ways(taken: Taken) -> Ways:
         taken = best.hypothesis.change(taken)
 
 
-def _others(taken: Taken, values: FloatArray) -> list[Way]:
+def _others(taken: Taken, values: FloatArray, quick: bool) -> list[Way]:
     """Return all other ways to take a run that agrees by ``values`` as it is taken.
 
     Those that are far from the best on a part of the stretches are not looked at further.
@@ -374,7 +382,7 @@ def _others(taken: Taken, values: FloatArray) -> list[Way]:
     few = taken.agreement(every, POINTS_FEW)
     height = taken.stated_height
     ways = []
-    for one, other in tried(taken, quick=False):
+    for one, other in tried(taken, quick):
         gain = gain_db(few, other.agreement(every, POINTS_FEW))
         ways.append((Way(one, gain, height=height), other))
     best = max((way.gain_db for way, _ in ways), default=0.0)

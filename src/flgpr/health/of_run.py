@@ -65,8 +65,8 @@ def health_of_run(run: xr.Dataset, lane: Lane | None = None) -> Health:
 def examined(run: xr.Dataset, lane: Lane | None = None, thorough: bool = False) -> Examined:
     """Judge the health of a run, see :func:`health_of_run`.
 
-    With ``thorough`` the sums tell drift, and every way to take the run is tried, not only where a
-    first look leaves a doubt.
+    With ``thorough`` the sums tell drift, and every way to take the run is tried, not only the quick
+    ones where a first look leaves a doubt.
     """
     radar = radar_of(run)
     sums, steps = read_sums(run, drift=thorough)
@@ -81,7 +81,7 @@ def examined(run: xr.Dataset, lane: Lane | None = None, thorough: bool = False) 
             unseen = f"fewer than {LEAST_SCANS} consecutive scans are whole"
         elif thorough or any(gain > 0 for _, gain in first_gains(few)):
             scans = taken_of_run(run, sums, radar, settled.left_out)
-            ways = best_ways(scans or few)
+            ways = best_ways(scans or few, quick=not thorough)
             if not ways.is_seen:
                 unseen = "consecutive looks show nothing in common, whichever way they are taken"
                 if few.height > AIRBORNE:
