@@ -167,7 +167,7 @@ def test_scans_that_overtake_one_another_are_not_taken_for_consecutive_ones(long
     watch = LiveHealth(radar_of(longer))
     for place, pose in enumerate(longer["pose"].values):
         watch.take(longer["signal"].values[place], pose, follows=place % 3 > 0)
-    assert watch._looked == 0
+    assert watch.looks._looked == 0
 
 
 @pytest.mark.parametrize("pairs", [1, 2])

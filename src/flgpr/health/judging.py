@@ -87,10 +87,15 @@ def judge_sums(sums: HealthSums, radar: Radar) -> list[Finding]:
     found += [*_polarizations(sums, radar), *_stuck(sums, radar)]
     if sums.scans < LEAST_SCANS:
         return found
-    found += _repeated(sums)
+    figures = statistics(sums, radar)
+    for name in ("repeated scans", "noise", "jitter"):
+        if figures.get(name, 0.0) > LIMITS[name].most:
+            found.append(finding(name, figures[name]))
     if sums.shape[2] >= LEAST_TONES:
-        found += [*_noise(sums), *_tones(sums, radar), *_jitter(sums, radar)]
-    found += _turned(sums, radar)
+        found += _tones(sums, radar)
+    pairs = turned_pairs(sums, radar)
+    if pairs:
+        found.append(finding("turned pairs", len(pairs), f"pairs {listed(pairs)}", pairs=pairs))
     return found
 
 
@@ -107,14 +112,15 @@ def statistics(sums: HealthSums, radar: Radar) -> dict[str, float]:
         figures["dead pairs"] = float(-levels.min())
         figures["hot pairs"] = float(over_alike(levels, radar).max())
         figures["turned pairs"] = float(len(turned_pairs(sums, radar)))
+    if sums.shape[2] >= LEAST_TONES:
+        figures["noise"] = 1 - sums.likeness
+        figures["jitter"] = jitter_ps(sums, radar)
     if sums.shape[2] >= LEAST_TONES and sums.changes:
         likeness = sums.tone_likeness
         noisy = likeness < NOISY_LIKENESS * np.median(likeness)
         figures["disturbed tones"] = float(sums.changed_db.max())
         if np.median(likeness) > _LEAST_USUAL:
             figures["noisy tones"] = float(noisy.mean())
-        figures["noise"] = 1 - sums.likeness
-        figures["jitter"] = jitter_ps(sums, radar)
     return figures
 
 
@@ -301,19 +307,6 @@ def _stuck(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
         yield _of_channels("stuck pairs", stuck, float(share.max()), radar)
 
 
-def _repeated(sums: HealthSums) -> Iterator[Finding]:
-    """Yield that scans are those before."""
-    if sums.repeated:
-        yield finding("repeated scans", sums.repeated)
-
-
-def _noise(sums: HealthSums) -> Iterator[Finding]:
-    """Yield that neighbouring tones have nothing in common."""
-    difference = 1 - sums.likeness
-    if difference > LIMITS["noise"].most:
-        yield finding("noise", difference)
-
-
 def disturbed(sums: HealthSums) -> BoolArray:
     """Mark the tones (frequency,) that change or stand out more than the tones around.
 
@@ -356,20 +349,6 @@ def jitter_ps(sums: HealthSums, radar: Radar) -> float:
         return np.nan
     step = float(np.median(np.diff(radar.frequency)))
     return float(np.std(sums.delays)) / (2 * np.pi * step) * 1e12 / np.sqrt(2)
-
-
-def _jitter(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
-    """Yield how far time zero jumps, where a standing part is strong enough to tell."""
-    deviation = jitter_ps(sums, radar)
-    if deviation > LIMITS["jitter"].most:
-        yield finding("jitter", deviation)
-
-
-def _turned(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
-    """Yield pairs whose sign is opposite to that of the next receivers of the same transmitter."""
-    pairs = turned_pairs(sums, radar)
-    if pairs:
-        yield finding("turned pairs", len(pairs), f"pairs {listed(pairs)}", pairs=pairs)
 
 
 def turned_pairs(sums: HealthSums, radar: Radar) -> list[int]:

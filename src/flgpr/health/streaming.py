@@ -30,7 +30,7 @@ from flgpr.health.judging import (
 )
 from flgpr.health.sums import BURST_DB, HealthSums, ScanFigures
 from flgpr.model import Lane
-from flgpr.types import Arrays, BoolArray, Complex128Array, ComplexArray, FloatArray
+from flgpr.types import Arrays, BoolArray, ComplexArray, FloatArray
 
 LASTING = 3
 """Scans in a row with the same fault from which on a pair is left out, or values are filled in."""
@@ -52,7 +52,7 @@ _LEAST_LOOKED_AT = 3  # of these, which are of use
 
 _STATE = {
     *("absent", "quiet", "doubts", "pose", "places", "steps", "changes"),
-    *("judged_from", "looked", "noisy"),
+    *("judged_from", "noisy"),
 }
 """Attributes of the watch that a snapshot holds as they are."""
 
@@ -94,7 +94,6 @@ class LiveHealth:
         self._steps = deque[float](maxlen=32)  # of the vehicle while it drove, m
         self._changes = deque[float](maxlen=32)  # of the data then, dB
         self._judged_from = _FIRST_JUDGED  # scans from which on sums are judged next
-        self._looked = 0  # scans that had come at the last look at the geometry
         self._noisy: list[int] = []  # tones that stay out
         self.looks = LiveLooks(radar)
 
@@ -305,12 +304,7 @@ class LiveHealth:
             found += self._tell_all([self._act(one) for one in judged if one.name in later])
         if len(self._places) >= _FIRST_JUDGED:
             found += self._tell_all(judge_course(np.array(self._places), self.lane))
-        every = _EVERY[count > _MANY]
-        if count - self._looked >= every and self.looks.is_ready:
-            self._looked = count
-            standing = self.sums.standing / np.maximum(self.sums.sweeps, 1)[..., None]
-            found += self._tell_all(self.looks.look(standing))
-        return found
+        return found + self._tell_all(self.looks.look(self.sums))
 
     def _act(self, one: Finding) -> Finding:
         """Leave tones that hold noise out of the scans to come, unless they are too many."""
@@ -358,6 +352,7 @@ class LiveLooks:
         self._latest: list[tuple[ComplexArray | None, FloatArray]] = []
         # one of an earlier look: what it agrees by is no ground in common
         self._unrelated: tuple[ComplexArray, FloatArray] | None = None
+        self._looked = 0  # scans that had come at the last look
         self._values: dict[str, list[list[float]]] = {}  # agreement as stated and the other way
 
     def remember(self, signal: ComplexArray | None, pose: FloatArray | None, follows: bool) -> None:
@@ -377,30 +372,29 @@ class LiveLooks:
         self._latest = [] if pose is None else [*before, (kept, pose)]
         self._latest = self._latest[-_LOOKED_AT - 2 * QUICK_LAG :]
 
-    @property
-    def is_ready(self) -> bool:
-        """Whether enough consecutive scans are known for another look."""
-        whole = [signal for signal, _ in self._latest[QUICK_LAG:-QUICK_LAG] if signal is not None]
-        enough = len(self._latest) == _LOOKED_AT + 2 * QUICK_LAG
-        return self._tones is not None and enough and len(whole) >= _LEAST_LOOKED_AT
-
-    def look(self, standing: Complex128Array) -> list[Finding]:
-        """Look at the latest scans, and judge all that were looked at.
+    def look(self, sums: HealthSums) -> list[Finding]:
+        """Look at the latest scans, if it is time, and judge all that were looked at.
 
         Parameters
         ----------
-        standing : (polarization, pair, frequency) ndarray of complex
-            What stands still in all scans.
+        sums : HealthSums
+            Sums of all scans, for what stands still.
         """
+        middle = [signal for signal, _ in self._latest[QUICK_LAG:-QUICK_LAG]]
         members = [
-            (place + 1, signal)
-            for place, (signal, _) in enumerate(self._latest)
-            if signal is not None and QUICK_LAG <= place < QUICK_LAG + _LOOKED_AT
+            (number, signal)
+            for number, signal in enumerate(middle, QUICK_LAG + 1)
+            if signal is not None
         ]
+        is_due = sums.scans - self._looked >= _EVERY[sums.scans > _MANY]
+        if not is_due or len(middle) < _LOOKED_AT or len(members) < _LEAST_LOOKED_AT:
+            return []
+        self._looked = sums.scans
         before = self._unrelated
         self._unrelated = members[-1][1], self._latest[members[-1][0] - 1][1]
-        if before is None:
+        if before is None or self._tones is None:
             return []
+        standing = sums.standing / np.maximum(sums.sweeps, 1)[..., None]
         numbers, signals = zip((0, before[0]), *members, strict=True)
         data = np.array(signals)
         echoes = np.where(data == 0, 0, data - standing[self._like][..., self._tones])
@@ -432,23 +426,26 @@ class LiveLooks:
     def state(self) -> tuple[dict[str, Any], Arrays]:
         """Return the state as JSON values and arrays, for a later :meth:`restore`."""
         kept = [*self._latest, *([self._unrelated] if self._unrelated else [])]
-        arrays = {
-            f"look{place}": signal for place, (signal, _) in enumerate(kept) if signal is not None
+        arrays = {f"look{k}": signal for k, (signal, _) in enumerate(kept) if signal is not None}
+        values = {
+            "poses": [pose.tolist() for _, pose in kept],
+            "latest": len(self._latest),
+            "looked": self._looked,
+            "values": self._values,
         }
-        poses = [pose.tolist() for _, pose in kept]
-        return {"poses": poses, "latest": len(self._latest), "values": self._values}, arrays
+        return values, arrays
 
     def restore(self, values: dict[str, Any], arrays: Arrays) -> None:
         """Continue from what :meth:`state` returned."""
-        kept = [
-            (arrays.get(f"look{place}"), np.array(pose))
-            for place, pose in enumerate(values.get("poses", []))
-        ]
-        count = values.get("latest", 0)
-        self._latest = kept[:count]
-        for signal, pose in kept[count:]:
+        if not values:  # a snapshot of a version before
+            return
+        poses = [np.array(pose) for pose in values["poses"]]
+        kept = [(arrays.get(f"look{k}"), pose) for k, pose in enumerate(poses)]
+        self._latest = kept[: values["latest"]]
+        for signal, pose in kept[values["latest"] :]:
             self._unrelated = None if signal is None else (signal, pose)
-        self._values = {name: list(known) for name, known in values.get("values", {}).items()}
+        self._looked = values["looked"]
+        self._values = {name: list(known) for name, known in values["values"].items()}
 
 
 def _fill_in(signal: ComplexArray, pairs: BoolArray) -> None:
