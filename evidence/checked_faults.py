@@ -21,12 +21,14 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+import faults
 from common import markdown
-from faults import SEED, drive, interference
+from faults import SEED, drive
 from flgpr.health.checking import RIGHT, UNSEEN, check_run
 from flgpr.model import make_run
-from flgpr.store import open_run
-from health_limits import ARRAYS, stored_drive
+from flgpr.store import open_run, save_run
+from health_limits import ARRAYS
+from health_limits import drive as short_drive
 
 SITE = "prepared-sand"
 Parts = dict[str, np.ndarray]
@@ -46,14 +48,15 @@ def scaled_pair(factor: float) -> Callable[[Parts], Parts]:
     )
 
 
-def late(scans: int) -> Callable[[Parts], Parts]:
-    """Return a fault that gives every scan the pose of so many scans before."""
-    return on("pose", lambda pose: pose[np.clip(np.arange(len(pose)) - scans, 0, len(pose) - 1)])
+def shared(name: str) -> Callable[[Parts], Parts]:
+    """Return a fault of ``faults.py``."""
 
+    def change(parts: Parts) -> Parts:
+        copies = parts["signal"].copy(), parts["pose"].copy()
+        signal, pose = faults.FAULTS[name](*copies, np.random.default_rng(SEED))
+        return {**parts, "signal": signal, "pose": pose}
 
-def moved(*offset: float) -> Callable[[Parts], Parts]:
-    """Return a fault that adds to all poses: x, y, z (m), heading, pitch and roll (degrees)."""
-    return on("pose", lambda pose: pose + np.array([*offset[:3], *np.deg2rad(offset[3:])]))
+    return change
 
 
 def drifting(signal: np.ndarray) -> np.ndarray:
@@ -61,38 +64,26 @@ def drifting(signal: np.ndarray) -> np.ndarray:
     return signal * 10 ** (np.linspace(0, 3, len(signal)) / 20)[:, None, None, None]
 
 
-def interfered(parts: Parts) -> Parts:
-    """Return a run on three tones of which something else transmits, 30 dB over the mean."""
-    signal, _ = interference(30.0)(
-        parts["signal"].copy(), parts["pose"], np.random.default_rng(SEED)
-    )
-    return {**parts, "signal": signal}
-
-
 def reversed_receivers(parts: Parts) -> Parts:
     """Return a run whose receivers are listed from right to left instead of from left to right."""
     return {**parts, "rx_position": parts["rx_position"] * [-1, 1, 1]}
 
 
+SHARED = (
+    *("clean", "conjugated", "tones in reverse order", "poses one scan late"),
+    *("poses two scans late", "datum 2 m ahead", "heading turned by 180 degrees"),
+    *("heading off by 20 degrees", "height 0.3 m too large", "positions in feet"),
+    "3 tones disturbed, 30 dB",
+)
 FAULTS: dict[str, Callable[[Parts], Parts]] = {
-    "clean": lambda parts: parts,
-    "conjugated": on("signal", np.conj),
-    "tones in reverse order": on("signal", lambda signal: signal[..., ::-1]),
+    **{name: shared(name) for name in SHARED},
     "receivers in reverse order": reversed_receivers,
-    "poses one scan late": late(1),
-    "poses two scans late": late(2),
-    "datum 2 m ahead": moved(0, 2, 0, 0, 0, 0),
-    "heading turned by 180 degrees": moved(0, 0, 0, 180, 0, 0),
-    "heading off by 20 degrees": moved(0, 0, 0, 20, 0, 0),
-    "height 0.3 m too large": moved(0, 0, 0.3, 0, 0, 0),
-    "height 0.3 m too small": moved(0, 0, -0.3, 0, 0, 0),
-    "positions in feet": on("pose", lambda pose: pose / [0.3048, 0.3048, 1, 1, 1, 1]),
+    "height 0.3 m too small": on("pose", lambda pose: pose - [0, 0, 0.3, 0, 0, 0]),
     "frequencies in MHz": on("frequency", lambda frequency: frequency / 1e6),
     "angles in degrees": on("pose", lambda pose: pose * [1, 1, 1, *[180 / np.pi] * 3]),
     "one pair dead": scaled_pair(1e-4),
     "one pair 30 dB hot": scaled_pair(10**1.5),
     "one pair 10 dB hot": scaled_pair(10**0.5),
-    "3 tones disturbed, 30 dB": interfered,
     "gain drifts by 3 dB": on("signal", drifting),
 }
 """Faults by name; each takes the parts of a run and returns them changed."""
@@ -103,6 +94,16 @@ def faulty(run: xr.Dataset, name: str) -> xr.Dataset:
     parts = FAULTS[name]({part: run[part].values for part in PART_NAMES})
     signal = np.asarray(parts.pop("signal"), np.complex64)
     return make_run(signal, *parts.values(), {"title": name})
+
+
+def stored(folder: Path, name: str) -> xr.Dataset:
+    """Return a drive, simulated by this or by an earlier call."""
+    if name == "drive":
+        return open_run(drive(folder))
+    path = folder / f"{name}-{SITE}-1.zarr"
+    if not path.exists():
+        save_run(short_drive(SITE, name, 1), path)
+    return open_run(path)
 
 
 def checked(run: xr.Dataset) -> dict[str, object]:
@@ -144,8 +145,7 @@ def main() -> None:
     rows = [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []
     done = {(row["drive"], row["fault"]) for row in rows}
     for name in [] if options.table else options.drives:
-        whole = name == "drive"
-        run = open_run(drive(options.work)) if whole else stored_drive(options.work, SITE, name, 1)
+        run = stored(options.work, name)
         for fault in options.only:
             if (name, fault) in done:
                 continue

@@ -563,7 +563,7 @@ def told_names(row: pd.Series) -> str:
     """Return what was told of a row by name; counts only where nothing has a name."""
     parts = str(row["told"]).split("; ") if row["told"] else []
     named = [part for part in parts if not part[0].isdigit()]
-    return ", ".join(named or parts) or "**nothing**"
+    return ", ".join(sorted(named or parts)) or "**nothing**"
 
 
 def table(frame: pd.DataFrame) -> str:

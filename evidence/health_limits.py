@@ -4,15 +4,17 @@ Short drives of all packaged arrays over all packaged sites, each with its own s
 sensors: bursts, interference, drift, missing sweeps and wrong positions are in them, because every clean run has those.
 Usage::
 
-    python evidence/health_limits.py WORK_FOLDER [--seeds 1 2 ...] [--seconds S]
+    python evidence/health_limits.py WORK_FOLDER [--seeds 1 2 ...] [--seconds S] [--table]
 
-A drive is simulated once and kept; a second call goes on. Prints, for every statistic, its highest clean value, its
-limit and how many drives warn, with the exact 95 % interval of their share.
+A drive is simulated, judged and forgotten: ``WORK_FOLDER/drives.jsonl`` holds a line for each. A second call goes on:
+it can be left to run, and stopped at any time. Prints, for every statistic, its highest clean value, its limit and
+how many drives warn, with the exact 95 % interval of their share.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import time
 from itertools import product
 from pathlib import Path
@@ -23,15 +25,13 @@ import xarray as xr
 
 from common import markdown, with_share
 from flgpr.health.findings import LIMITS
-from flgpr.health.geometry import mean, median
-from flgpr.health.judging import LeftOut, judge_motion
-from flgpr.health.judging import statistics as statistics_of_sums
-from flgpr.health.of_run import geometry_figures, health_of_run, radar_of, read_sums
+from flgpr.health.hypotheses import first_gains
+from flgpr.health.judging import statistics
+from flgpr.health.of_run import examined, taken_of_run
 from flgpr.health.streaming import LiveHealth
 from flgpr.model import load_sensor
 from flgpr.simulate import Scene, Simulator
 from flgpr.simulate.scene.scene import sites
-from flgpr.store import open_run, save_run
 
 ARRAYS = ("sri-array", "full-wave", "dual-band-l", "sri-van", "dual-band-x")
 SCANS = 14
@@ -63,53 +63,38 @@ def drive(site: str, array: str, seed: int) -> xr.Dataset:
     return Simulator(scene, sensor, seed).run()
 
 
-def stored_drive(folder: Path, site: str, array: str, seed: int) -> xr.Dataset:
-    """Return a drive, simulated by this or by an earlier call."""
-    path = folder / f"{array}-{site}-{seed}.zarr"
-    if not path.exists():
-        save_run(drive(site, array, seed), path)
-    return open_run(path)
+def judged(run: xr.Dataset) -> dict[str, Any]:
+    """Return every statistic that a limit stands on, and the names of what is told, batch and live.
 
-
-def statistics(run: xr.Dataset) -> dict[str, float]:
-    """Return every statistic that a limit stands on, and whether the run warns."""
-    radar = radar_of(run)
-    sums, steps, samples = read_sums(run)
-    figures = geometry_figures(run, radar, sums, samples, LeftOut())
-    motion = judge_motion(steps, np.array(sums.changed))
-    return {
-        **statistics_of_sums(sums, radar),
-        "frozen positions": motion[0].value if motion else 0.0,
-        "paths": -median(figures.path_db),
-        "receivers": mean(figures.receivers),
-        "heading": mean(figures.heading),
-        "lag": max(mean(figures.late), mean(figures.early)),
-        "warns": float(bool(health_of_run(run).findings)),
-    }
-
-
-def live_warnings(run: xr.Dataset) -> list[str]:
-    """Return the names of what is told of a run that comes scan by scan."""
-    watch = LiveHealth(radar_of(run))
-    told = []
-    for number in range(run.sizes["scan"]):
-        scan = run.isel(scan=number)
-        told += watch.take(scan["signal"].values, scan["pose"].values).findings
-    return [finding.name for finding in told]
+    That of a way to take the run is how much better it is at the first look.
+    """
+    seen = examined(run)
+    health = seen.health
+    figures = {**statistics(seen.sums, seen.radar), "frozen positions": 0.0}
+    scans = taken_of_run(run, seen.sums, seen.radar, health.left_out, first=True)
+    for one, gain in first_gains(scans):
+        figures[one.question] = max(gain, figures.get(one.question, -np.inf))
+    figures |= {finding.name: finding.value for finding in health.findings}
+    watch = LiveHealth(seen.radar)
+    live = []
+    for signal, pose in zip(run["signal"].values, run["pose"].values, strict=True):
+        live += [finding.name for finding in watch.take(signal, pose).findings]
+    batch = [finding.name for finding in health.findings]
+    return {"statistics": figures, "batch": batch, "live": live}
 
 
 def table(rows: list[dict[str, Any]]) -> str:
     """Return the highest clean value of every statistic beside its limit."""
     cells = []
     for name, limit in LIMITS.items():
-        known = [row for row in rows if np.isfinite(row.get(name, np.nan))]
+        known = [row for row in rows if np.isfinite(row["statistics"].get(name, np.nan))]
         if not known:
             continue
-        highest = max(known, key=lambda row: row[name])
+        highest = max(known, key=lambda row: row["statistics"][name])
         cells.append(
             (
                 name,
-                f"{highest[name]:.3g}",
+                f"{highest['statistics'][name]:.3g}",
                 highest["drive"],
                 f"{limit.most:g} {limit.unit}",
                 len(known),
@@ -123,27 +108,28 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("work", type=Path, help="folder that keeps the drives")
+    parser.add_argument("work", type=Path, help="folder for what is found")
     parser.add_argument("--seeds", type=int, nargs="*", default=[1, 2])
     parser.add_argument("--seconds", type=float, default=np.inf, help="no new drive after these")
-    parser.add_argument("--stored", action="store_true", help="judge the drives that are there")
+    parser.add_argument("--table", action="store_true", help="print the table alone")
     options = parser.parse_args()
     options.work.mkdir(parents=True, exist_ok=True)
+    log = options.work / "drives.jsonl"
     begun = time.monotonic()
-    rows = []
+    rows = [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []
+    done = {row["drive"] for row in rows}
     for seed, site, array in product(options.seeds, sites(), ARRAYS):
         name = f"{array}-{site}-{seed}"
-        is_new = not (options.work / f"{name}.zarr").exists()
-        if is_new and (options.stored or time.monotonic() - begun > options.seconds):
+        if options.table or name in done or time.monotonic() - begun > options.seconds:
             continue
-        run = stored_drive(options.work, site, array, seed)
-        row = {"drive": name, **statistics(run), "live": live_warnings(run)}
-        rows.append(row)
-        print(row, flush=True)
+        rows.append({"drive": name, **judged(drive(site, array, seed))})
+        with log.open("a") as file:
+            file.write(json.dumps(rows[-1]) + "\n")
     print(table(rows))
-    warned = sum(bool(row["warns"]) for row in rows)
-    print(f"batch warns on {with_share(warned, len(rows))}")
-    print(f"live warns on {with_share(sum(bool(row['live']) for row in rows), len(rows))}")
+    for road in ("batch", "live"):
+        warned = [row for row in rows if row[road]]
+        print(f"{road} warns on {with_share(len(warned), len(rows))}")
+        print(*(f"{row['drive']}: {', '.join(row[road])}" for row in warned), sep="\n")
 
 
 if __name__ == "__main__":

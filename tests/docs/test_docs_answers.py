@@ -5,7 +5,7 @@ import re
 import pytest
 import yaml
 
-from flgpr.health.hypotheses import QUESTIONS
+from flgpr.health.findings import QUESTIONS
 from flgpr.model.vehicle import Vehicle
 from flgpr.recipe.schema import recipe_names
 from flgpr.recipe.suggest import evidence
@@ -77,7 +77,7 @@ def test_the_speed_that_a_distance_allows_stops_at_it():
 def test_questions_of_signs_are_named_as_the_program_names_them():
     first_cells = [row[0] for row in cells(page("is-my-sign-right"))[1:]]
     names = [name for cell in first_cells for name in re.findall(r"`([^`]+)`", cell)]
-    assert tuple(names) == QUESTIONS
+    assert names == list(QUESTIONS.values())
 
 
 def test_mines_by_recipe_are_those_that_the_program_suggests_by():

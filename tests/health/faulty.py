@@ -90,8 +90,13 @@ def heading_turned(signal, pose):
     pose[:, 3] += np.pi
 
 
-def late(signal, pose):
-    pose[1:] = pose[:-1].copy()
+def late(scans):
+    """Return what gives every scan the pose of so many before."""
+    return lambda signal, pose: (signal, pose[np.clip(np.arange(len(pose)) - scans, 0, None)])
+
+
+def on_pose(change):
+    return lambda signal, pose: (signal, change(pose))
 
 
 def frozen_positions(signal, pose):
@@ -135,6 +140,19 @@ FAULTS = {
     "frozen positions": frozen_positions,
     "receivers": receivers_reversed,
     "heading": heading_turned,
-    "lag": late,
+    "lag": late(1),
+    "units": on_pose(lambda pose: pose / [0.3048, 0.3048, 1, 1, 1, 1]),
 }
 """Faults by the name of what is to be found."""
+WAYS = {
+    "the data are conjugated": lambda signal, pose: (signal.conj(), pose),
+    "the tones are in reverse order": lambda signal, pose: (signal[..., ::-1], pose),
+    "the receivers are in reverse order": FAULTS["receivers"],
+    "the heading is turned by 180 degrees": FAULTS["heading"],
+    "the heading is 20 degrees too large": on_pose(lambda pose: pose + [0, 0, 0, 0.35, 0, 0]),
+    "the poses are 1 scan late": late(1),
+    "the poses are 2 scans late": late(2),
+    "the positions are in feet": FAULTS["units"],
+    "x and y are exchanged": on_pose(lambda pose: pose[:, [1, 0, 2, 3, 4, 5]]),
+}
+"""Other ways to take a run than as it was recorded, by what is said of them."""

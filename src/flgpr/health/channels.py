@@ -81,23 +81,23 @@ def channel_table(
     coherence = _coherence(sums)
     gain, phase = _drift(sums)
     dead = (sums.sweeps == 0) | (level < quiet) | (stuck > 0.5)
-    rows = []
-    for k, label in enumerate(polarizations):
-        for pair in range(level.shape[1]):
-            rows.append(
-                {
-                    "polarization": label,
-                    "pair": pair,
-                    "level_db": level[k, pair],
-                    "missing": int(missing[k, pair]),
-                    "stuck": float(stuck[k, pair]),
-                    "coherence": coherence[k, pair],
-                    "gain_drift_db": gain[k, pair],
-                    "phase_drift_rad": phase[k, pair],
-                    "dead": bool(dead[k, pair]),
-                }
-            )
-    return pd.DataFrame(rows)
+    count, pairs = level.shape
+    columns = {
+        "level_db": level,
+        "missing": missing,
+        "stuck": stuck,
+        "coherence": coherence,
+        "gain_drift_db": gain,
+        "phase_drift_rad": phase,
+        "dead": dead,
+    }
+    return pd.DataFrame(
+        {
+            "polarization": np.repeat(np.array(polarizations, object), pairs),
+            "pair": np.tile(np.arange(pairs), count),
+            **{name: values.ravel() for name, values in columns.items()},
+        }
+    )
 
 
 def channel_levels(sums: HealthSums) -> FloatArray:

@@ -10,11 +10,10 @@ import numpy as np
 import xarray as xr
 
 from flgpr.health.channels import STEADY, channel_table, median_around
-from flgpr.health.findings import LEAST_SCANS, LIMITS, Finding
-from flgpr.health.geometry import AIRBORNE
-from flgpr.health.hypotheses import BETTER_DB, QUESTIONS, SURE, TIED_DB, Way, Ways, best_ways
+from flgpr.health.findings import BETTER_DB, DEVIATIONS, LIMITS, QUESTIONS, SPOILING, Finding
+from flgpr.health.hypotheses import TIED_DB, Way
 from flgpr.health.judging import judge_levels, statistics
-from flgpr.health.of_run import Examined, examined, taken_of_run
+from flgpr.health.of_run import Examined, examined
 from flgpr.model import Lane
 
 RIGHT = "looks right"
@@ -31,17 +30,6 @@ _DRIFT_ERRORS = 3.0  # standard errors that it must have, too
 _GAP = 2.5  # times the usual step
 _TURNING = 0.2  # share of the scans at which the course turns round; a survey to and fro has few
 _AROUND = 9  # steps whose median is the usual one
-_SPOILT = (
-    "noise",
-    "repeated scans",
-    "frozen positions",
-)  # findings with which no look says anything
-_NAMES = {
-    "paths": QUESTIONS[0],
-    "receivers": QUESTIONS[1],
-    "heading": QUESTIONS[2],
-    "lag": QUESTIONS[3],
-}
 NEVER_SEEN = (
     "a datum that is wrong along the lane, or beside it where no lane is given; HH and VV exchanged; "
     "a sign, phase or gain that all channels share; stretches of scans in each other's place"
@@ -116,9 +104,9 @@ def check_run(run: xr.Dataset, lane: Lane | None = None, doubts: Sequence[str] =
     Checked
         Every question with its verdict.
     """
-    of_run = examined(run, lane, drift=True)
-    checks = list(_of_geometry(run, of_run))
-    checks += _of_channels(of_run)
+    of_run = examined(run, lane, thorough=True)
+    checks = [_as_check(one) for one in of_run.health.findings]
+    checks += [*_of_geometry(of_run), *_of_channels(of_run)]
     checks += [*_drift(of_run), *_gaps(run)]
     checks += [Check("positions and antennas", DOUBTFUL, words) for words in doubts]
     never = (
@@ -130,13 +118,15 @@ def check_run(run: xr.Dataset, lane: Lane | None = None, doubts: Sequence[str] =
     return Checked(tuple(sorted(checks, key=lambda one: _WORST_FIRST.index(one.verdict))))
 
 
+def _as_check(one: Finding) -> Check:
+    """Return a finding as the answer to a question."""
+    done = f" ({one.done} by flgpr detect)" if one.done else ""
+    return Check(QUESTIONS.get(one.name, one.name), WRONG, one.words + done, one.advice)
+
+
 def _of_channels(of_run: Examined) -> Iterator[Check]:
-    """Yield what sums tell of channels, tones, time zero, scans and course."""
-    told = set()
-    for one in of_run.health.findings:
-        if one.name not in _NAMES:
-            told.add(one.name)
-            yield _as_check(one.name, one)
+    """Yield what sums tell of channels, tones, time zero and scans that are not at fault."""
+    told = {one.name for one in of_run.health.findings}
     for one in judge_levels(of_run.sums, of_run.radar, _WEAK, _LOUD):
         if one.name not in told:
             told.add(one.name)
@@ -146,12 +136,6 @@ def _of_channels(of_run: Examined) -> Iterator[Check]:
             limit = LIMITS[name]
             unit = "" if limit.unit == "1" else f" {limit.unit}"
             yield Check(name, RIGHT, f"{value:.2g}{unit}, at most {limit.most:g}")
-
-
-def _as_check(what: str, one: Finding) -> Check:
-    """Return a finding as the answer to a question."""
-    done = f" ({one.done} by flgpr detect)" if one.done else ""
-    return Check(what, WRONG, one.words + done, one.advice)
 
 
 def _drift(of_run: Examined) -> Iterator[Check]:
@@ -207,31 +191,20 @@ def _gaps(run: xr.Dataset) -> Iterator[Check]:
     yield Check("gaps", *((DOUBTFUL, words, advice) if count else (RIGHT, words)))
 
 
-def _of_geometry(run: xr.Dataset, of_run: Examined) -> Iterator[Check]:
-    """Yield which sign, order, heading, lag, height and units focus best."""
-    told = {_NAMES[one.name]: one for one in of_run.health.findings if one.name in _NAMES}
-    ways, reason = _ways(run, of_run)
-    if ways is None or not ways.is_seen:
-        for question in QUESTIONS:
-            if question in told:
-                yield _as_check(question, told[question])
-        left = [question for question in QUESTIONS if question not in told]
-        verdict = UNSEEN if any(one.name in _SPOILT for one in of_run.health.findings) else DOUBTFUL
-        yield Check(
-            "focus", verdict, f"whether {', '.join(left)} are right cannot be told: {reason}"
-        )
+def _of_geometry(of_run: Examined) -> Iterator[Check]:
+    """Yield of sign, order, heading, lag, height and units what is doubtful, right or not seen."""
+    ways = of_run.ways
+    if not ways.is_seen:
+        is_spoilt = any(one.name in SPOILING for one in of_run.health.findings)
+        questions = ", ".join(QUESTIONS.values())
+        words = f"whether {questions} are right cannot be told: {of_run.unseen}"
+        yield Check("focus", UNSEEN if is_spoilt else DOUBTFUL, words)
         return
+    told = {way.hypothesis.question for way in ways.adopted}
     for question in QUESTIONS:
-        adopted = [way for way in ways.adopted if way.hypothesis.question == question]
         others = [way for way in ways.others if way.hypothesis.question == question]
-        if adopted:
-            for way in adopted:
-                words = f"{way.words} ({way.gain_db:+.1f} dB so taken, at most {BETTER_DB:+g})"
-                yield Check(question, WRONG, words, way.hypothesis.advice)
-        elif question in told and not ways.adopted:
-            yield _as_check(question, told[question])
-        elif others:
-            yield _best_of(question, others)
+        if others and question not in told:
+            yield _best_of(QUESTIONS[question], others)
     tied = [way.words for way in ways.others if abs(way.gain_db) < TIED_DB and not way.is_step]
     if tied:
         yield Check("on this drive", UNSEEN, f"whether {', or '.join(tied)}")
@@ -247,32 +220,6 @@ def _best_of(question: str, others: Sequence[Way]) -> Check:
         return Check(question, RIGHT, words)
     words = (
         f"{best.words}? ({best.gain_db:+.1f} dB so taken, at most {BETTER_DB:+g}; "
-        f"{best.errors:.1f} standard errors, {SURE:g} would be sure)"
+        f"{best.errors:.1f} standard errors, {DEVIATIONS:g} would be sure)"
     )
     return Check(question, DOUBTFUL, words, best.hypothesis.advice)
-
-
-def _ways(run: xr.Dataset, of_run: Examined) -> tuple[Ways | None, str]:
-    """Return what focuses best, and why it is not known."""
-    spoilt = [one.name for one in of_run.health.findings if one.name in _SPOILT]
-    if run.attrs.get("sounding") == "ground-coupled":
-        return None, "antennas on the ground do not look ahead"
-    if spoilt:
-        return None, f"the run has {', '.join(spoilt)}"
-    taken = taken_of_run(run, of_run)
-    if taken is None:
-        return None, f"fewer than {LEAST_SCANS} consecutive scans are whole"
-    if not taken.has_even_tones:
-        return None, "the tones are uneven, or fewer than nine"
-    if not taken.height > 0:
-        return None, f"the antennas stand {taken.height:.3g} m above the ground"
-    if taken.step == 0:
-        return None, "the vehicle stands"
-    ways = best_ways(taken)
-    reason = (
-        "consecutive looks show nothing in common, whichever way they are taken: are the scans in "
-        "the order of their poses?"
-    )
-    if not ways.is_seen and taken.height > AIRBORNE:
-        reason = f"the antennas fly, {taken.height:.3g} m above the ground"
-    return ways, reason

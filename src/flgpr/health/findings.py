@@ -21,6 +21,18 @@ class Limit(NamedTuple):
     advice: str
 
 
+QUESTIONS = {
+    "paths": "sign of phase, order of tones",
+    "receivers": "order of pairs",
+    "heading": "heading and axes",
+    "lag": "lag of poses",
+    "height": "height",
+    "units": "units",
+}
+"""How a run may be taken otherwise than it was recorded, by the names of the findings, in the order
+in which it is told."""
+BETTER_DB = 0.5
+"""Gain from which on another way counts as better, dB."""
 LIMITS: dict[str, Limit] = {
     "missing pairs": Limit(
         0.2,
@@ -104,34 +116,6 @@ LIMITS: dict[str, Limit] = {
         "at most {most:.0%}",
         "look at the positioning: places of alarms are wrong",
     ),
-    "paths": Limit(
-        3.0,
-        "dB",
-        "echoes come from the far end of the range, {value:.0f} dB more than from the scene: "
-        "the data are {where}",
-        "conjugate them, or put the tones in the order of the frequency axis",
-    ),
-    "receivers": Limit(
-        0.01,
-        "1",
-        "the ground focuses better with the receivers in reverse order, by {value:.3f}, "
-        "at most {most:.3f}",
-        "look at the order of the pairs",
-    ),
-    "heading": Limit(
-        0.05,
-        "1",
-        "consecutive looks agree better with the vehicle driving the other way, by {value:.2f}, "
-        "at most {most:.2f}",
-        "the heading is turned by 180 degrees, or the positions run backwards",
-    ),
-    "lag": Limit(
-        0.03,
-        "1",
-        "consecutive images agree better with the positions of the scan {where}, by {value:.3f}, "
-        "at most {most:.3f}",
-        "shift the positions by one scan",
-    ),
     "no positions": Limit(
         1.0,
         "scans",
@@ -150,13 +134,19 @@ LIMITS: dict[str, Limit] = {
         "the course lies {value:.1f} m beside the middle of the lane, at most {most:.1f} m",
         "compare the datum of the positions with that of the lane",
     ),
+    **dict.fromkeys(
+        QUESTIONS,
+        Limit(BETTER_DB, "dB", "{where} ({value:+.1f} dB so taken, at most {most:+g})", ""),
+    ),
 }
 """What may be found, by name."""
 
 STOPPING = ("no positions", "frozen positions", "repeated scans", "noise")
 """What makes a driver's screen say stop: nothing ahead is seen, or nobody knows where."""
+SPOILING = ("noise", "repeated scans", "frozen positions")
+"""With what no look says anything."""
 DEVIATIONS = 4.0
-"""Standard errors that a paired difference must have, too."""
+"""Standard errors that such a gain must have, too."""
 TURNED_LIKENESS = 0.25
 """Median correlation of neighbouring pairs that is needed to tell a turned sign."""
 NOISY_LIKENESS = 0.5
@@ -222,6 +212,7 @@ def finding(
     pairs: Sequence[int] = (),
     polarizations: Sequence[str] = (),
     tones: Sequence[int] = (),
+    advice: str = "",
 ) -> Finding:
     """Return a finding of ``LIMITS``.
 
@@ -237,6 +228,8 @@ def finding(
         Their numbers, from 0.
     polarizations : sequence of str
         Their names.
+    advice : str
+        What to do, where it is not that of the limit.
     """
     limit = LIMITS[name]
     words = limit.words.format(where=where, value=value, most=limit.most)
@@ -246,7 +239,7 @@ def finding(
         limit.most,
         limit.unit,
         words,
-        limit.advice,
+        advice or limit.advice,
         tuple(pairs),
         tuple(polarizations),
         tuple(tones),

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from flgpr.health.channels import channel_levels
 from flgpr.health.findings import (
     CLEAR,
-    DEVIATIONS,
     LEAST_SCANS,
     LEAST_TONES,
     LIMITS,
@@ -25,7 +24,7 @@ from flgpr.health.findings import (
     finding,
     listed,
 )
-from flgpr.health.geometry import GeometryFigures, deviations, like_polarized, mean, median
+from flgpr.health.focus import like_polarized
 from flgpr.health.sums import LEAST_POWER, HealthSums
 from flgpr.model import Lane
 from flgpr.types import FloatArray
@@ -88,10 +87,15 @@ def judge_sums(sums: HealthSums, radar: Radar) -> list[Finding]:
     found += [*_polarizations(sums, radar), *_stuck(sums, radar)]
     if sums.scans < LEAST_SCANS:
         return found
-    found += _repeated(sums)
+    figures = statistics(sums, radar)
+    for name in ("repeated scans", "noise", "jitter"):
+        if figures.get(name, 0.0) > LIMITS[name].most:
+            found.append(finding(name, figures[name]))
     if sums.shape[2] >= LEAST_TONES:
-        found += [*_noise(sums), *_tones(sums, radar), *_jitter(sums, radar)]
-    found += _turned(sums, radar)
+        found += _tones(sums, radar)
+    pairs = turned_pairs(sums, radar)
+    if pairs:
+        found.append(finding("turned pairs", len(pairs), f"pairs {listed(pairs)}", pairs=pairs))
     return found
 
 
@@ -108,14 +112,15 @@ def statistics(sums: HealthSums, radar: Radar) -> dict[str, float]:
         figures["dead pairs"] = float(-levels.min())
         figures["hot pairs"] = float(over_alike(levels, radar).max())
         figures["turned pairs"] = float(len(turned_pairs(sums, radar)))
+    if sums.shape[2] >= LEAST_TONES:
+        figures["noise"] = 1 - sums.likeness
+        figures["jitter"] = jitter_ps(sums, radar)
     if sums.shape[2] >= LEAST_TONES and sums.changes:
         likeness = sums.tone_likeness
         noisy = likeness < NOISY_LIKENESS * np.median(likeness)
         figures["disturbed tones"] = float(sums.changed_db.max())
         if np.median(likeness) > _LEAST_USUAL:
             figures["noisy tones"] = float(noisy.mean())
-        figures["noise"] = 1 - sums.likeness
-        figures["jitter"] = jitter_ps(sums, radar)
     return figures
 
 
@@ -145,32 +150,6 @@ def what_to_leave_out(findings: Sequence[Finding], radar: Radar) -> Health:
         left = f"{len(numbers)} {what}{'' if len(numbers) == 1 else 's'} left out"
         settled.append(one.acted(left))
     return Health(tuple(settled), LeftOut(tuple(sorted(pairs)), tuple(sorted(tones))))
-
-
-def judge_geometry(figures: GeometryFigures) -> list[Finding]:
-    """Return what a sub-sample of scans tells of paths, receivers and poses."""
-    path_db = median(figures.path_db)
-    if path_db < -LIMITS["paths"].most:
-        what = "conjugated, or their tones are in reverse order"
-        conjugated = median(figures.conjugated)
-        if conjugated > 1.25:
-            what = "conjugated (or, less likely, their tones are in reverse order)"
-        elif conjugated < 0.8:
-            what = "in reverse order of the tones (or, less likely, conjugated)"
-        # The looks of such data say nothing.
-        return [finding("paths", -path_db, what)]
-    found = _better("receivers", figures.receivers)
-    turned = _better("heading", figures.heading)
-    if turned:
-        return found + turned
-    return found + _better("lag", figures.late, "after") + _better("lag", figures.early, "before")
-
-
-def _better(name: str, differences: Sequence[float], where: str = "") -> list[Finding]:
-    """Return whether another assumption fits better than what is stated, beyond chance."""
-    value = mean(differences)
-    is_better = value > LIMITS[name].most and deviations(differences) > DEVIATIONS
-    return [finding(name, value, where)] if is_better else []
 
 
 def judge_motion(steps: FloatArray, change_db: FloatArray) -> list[Finding]:
@@ -328,19 +307,6 @@ def _stuck(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
         yield _of_channels("stuck pairs", stuck, float(share.max()), radar)
 
 
-def _repeated(sums: HealthSums) -> Iterator[Finding]:
-    """Yield that scans are those before."""
-    if sums.repeated:
-        yield finding("repeated scans", sums.repeated)
-
-
-def _noise(sums: HealthSums) -> Iterator[Finding]:
-    """Yield that neighbouring tones have nothing in common."""
-    difference = 1 - sums.likeness
-    if difference > LIMITS["noise"].most:
-        yield finding("noise", difference)
-
-
 def disturbed(sums: HealthSums) -> BoolArray:
     """Mark the tones (frequency,) that change or stand out more than the tones around.
 
@@ -383,20 +349,6 @@ def jitter_ps(sums: HealthSums, radar: Radar) -> float:
         return np.nan
     step = float(np.median(np.diff(radar.frequency)))
     return float(np.std(sums.delays)) / (2 * np.pi * step) * 1e12 / np.sqrt(2)
-
-
-def _jitter(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
-    """Yield how far time zero jumps, where a standing part is strong enough to tell."""
-    deviation = jitter_ps(sums, radar)
-    if deviation > LIMITS["jitter"].most:
-        yield finding("jitter", deviation)
-
-
-def _turned(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
-    """Yield pairs whose sign is opposite to that of the next receivers of the same transmitter."""
-    pairs = turned_pairs(sums, radar)
-    if pairs:
-        yield finding("turned pairs", len(pairs), f"pairs {listed(pairs)}", pairs=pairs)
 
 
 def turned_pairs(sums: HealthSums, radar: Radar) -> list[int]:

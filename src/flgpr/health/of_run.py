@@ -3,47 +3,45 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.health.findings import LEAST_SCANS
-from flgpr.health.geometry import (
-    GeometryCheck,
-    GeometryFigures,
-    like_polarized,
-    sampled_scans,
-)
-from flgpr.health.hypotheses import BLOCK_SCANS, BLOCKS, MOST_LAG, Taken
+from flgpr.health.findings import LEAST_SCANS, SPOILING, Finding
+from flgpr.health.focus import AIRBORNE, Taken, like_polarized, looked_at, mean_height, taken
+from flgpr.health.hypotheses import MOST_LAG, Ways, best_ways, first_gains
 from flgpr.health.judging import (
     Health,
     LeftOut,
     Radar,
     judge_course,
-    judge_geometry,
     judge_motion,
     judge_sums,
     what_to_leave_out,
 )
 from flgpr.health.sums import HealthSums
 from flgpr.model import Lane
-from flgpr.types import FloatArray
+from flgpr.types import ComplexArray, FloatArray
 
 MOST_SCANS = 256
 """Scans that are read: of a longer run stretches, evenly over it."""
 _STRETCH = 32  # scans of a stretch
+_LOOKS = 16  # stretches of a run whose looks are compared
+_LOOK_SCANS = 4  # consecutive scans of such a stretch: each is compared with all later ones of it
+_FIRST_LOOKS = 4  # such stretches for a first look
 
 
 @dataclass(frozen=True)
 class Examined:
-    """What one pass over a run shows."""
+    """What is seen of a run."""
 
     health: Health
     radar: Radar
     sums: HealthSums
+    ways: Ways
+    unseen: str  #: why the looks of the run tell nothing; "" where they may
 
 
 def health_of_run(run: xr.Dataset, lane: Lane | None = None) -> Health:
@@ -64,20 +62,54 @@ def health_of_run(run: xr.Dataset, lane: Lane | None = None) -> Health:
     return examined(run, lane).health
 
 
-def examined(run: xr.Dataset, lane: Lane | None = None, drift: bool = False) -> Examined:
-    """Judge the health of a run, see :func:`health_of_run`; with ``drift`` the sums tell it."""
+def examined(run: xr.Dataset, lane: Lane | None = None, thorough: bool = False) -> Examined:
+    """Judge the health of a run, see :func:`health_of_run`.
+
+    With ``thorough`` the sums tell drift, and every way to take the run is tried, not only the quick
+    ones where a first look leaves a doubt.
+    """
     radar = radar_of(run)
-    sums, steps, samples = read_sums(run, drift)
+    sums, steps = read_sums(run, drift=thorough)
     found = judge_sums(sums, radar)
     found += judge_motion(steps, np.array(sums.changed))
     settled = what_to_leave_out(found, radar)
-    findings = list(settled.findings)
-    names = {one.name for one in findings}
-    if not names & {"noise", "repeated scans"} and run.attrs.get("sounding") != "ground-coupled":
-        figures = geometry_figures(run, radar, sums, samples, settled.left_out)
-        findings += judge_geometry(figures)
-    findings += judge_course(run["pose"].values, lane)
-    return Examined(Health(tuple(findings), settled.left_out), radar, sums)
+    ways = Ways()
+    unseen = _unseen(run, radar, found)
+    if not unseen:
+        few = taken_of_run(run, sums, radar, settled.left_out, first=True)
+        if few is None:
+            unseen = f"fewer than {LEAST_SCANS} consecutive scans are whole"
+        elif thorough or any(gain > 0 for _, gain in first_gains(few)):
+            scans = taken_of_run(run, sums, radar, settled.left_out)
+            ways = best_ways(scans or few, quick=not thorough)
+            if not ways.is_seen:
+                unseen = (
+                    "consecutive looks show nothing in common, whichever way they are taken: are the "
+                    "scans in the order of their poses?"
+                )
+                if few.height > AIRBORNE:
+                    unseen = f"the antennas fly, {few.height:.3g} m above the ground"
+    told = [way.finding for way in ways.adopted if ways.is_seen]
+    findings = (*settled.findings, *told, *judge_course(run["pose"].values, lane))
+    return Examined(Health(findings, settled.left_out), radar, sums, ways, unseen)
+
+
+def _unseen(run: xr.Dataset, radar: Radar, found: list[Finding]) -> str:
+    """Return why looks of a run tell nothing; "" where they may."""
+    pose = run["pose"].values
+    spoilt = [one.name for one in found if one.name in SPOILING]
+    if run.attrs.get("sounding") == "ground-coupled":
+        return "antennas on the ground do not look ahead"
+    if spoilt:
+        return f"the run has {', '.join(spoilt)}"
+    if looked_at(radar.frequency) is None:
+        return "the tones are uneven, or fewer than nine"
+    height = mean_height(pose, radar.tx_position, radar.rx_position)
+    if not height > 0:
+        return f"the antennas stand {height:.3g} m above the ground"
+    if len(pose) > 1 and not np.median(np.hypot(*np.diff(pose[:, :2], axis=0).T)):
+        return "the vehicle stands"
+    return ""
 
 
 def radar_of(run: xr.Dataset) -> Radar:
@@ -90,13 +122,11 @@ def radar_of(run: xr.Dataset) -> Radar:
     )
 
 
-def read_sums(
-    run: xr.Dataset, drift: bool = False
-) -> tuple[HealthSums, FloatArray, dict[int, NDArray[Any]]]:
+def read_sums(run: xr.Dataset, drift: bool = False) -> tuple[HealthSums, FloatArray]:
     """Read scans once.
 
-    Return their sums (with those of the quarters, which tell drift), the distance (m) of each from
-    the one before, and the data of those that are looked at, by number.
+    Return their sums (with those of the quarters, which tell drift), and the distance (m) of each
+    from the one before.
     """
     scans = run.sizes["scan"]
     numbers = np.arange(scans)
@@ -104,93 +134,72 @@ def read_sums(
         starts = np.linspace(0, scans - _STRETCH, MOST_SCANS // _STRETCH).astype(int)
         numbers = np.unique(starts[:, None] + np.arange(_STRETCH))
     pose = run["pose"].values
-    looked_at = set(numbers[sampled_scans(numbers.size)].tolist())
     sums = HealthSums(run["signal"].shape[1:], numbers.size if drift else 0)
-    steps = np.full(numbers.size, np.nan)
-    samples: dict[int, NDArray[Any]] = {}
+    steps = np.zeros(numbers.size)
     before = -2
     for place, number in enumerate(numbers.tolist()):
         if number != before + 1:
             sums.gap()
         else:
-            steps[place] = np.hypot(*(pose[number, :2] - pose[before, :2]))
-        signal = run["signal"].variable[number].values
-        sums.add(signal)
-        if number in looked_at:
-            samples[number] = signal
+            steps[place] = np.nan_to_num(np.hypot(*(pose[number, :2] - pose[before, :2])))
+        sums.add(run["signal"].variable[number].values)
         before = number
-    return sums, np.where(np.isfinite(steps), steps, 0.0), samples
+    return sums, steps
 
 
-def geometry_figures(
-    run: xr.Dataset,
-    radar: Radar,
-    sums: HealthSums,
-    samples: dict[int, NDArray[Any]],
-    left_out: LeftOut,
-) -> GeometryFigures:
-    """Return what the scans that were kept tell of paths, receivers and poses."""
-    pose = np.asarray(run["pose"].values, np.float64)
-    if sums.scans < LEAST_SCANS or not np.isfinite(pose).all():
-        return GeometryFigures()
-    pairs = np.setdiff1d(np.arange(sums.shape[1]), left_out.pairs)
-    standing = _kept(sums.standing / np.maximum(sums.sweeps, 1)[..., None], left_out)
-    usable = {}
-    for number, signal in samples.items():
-        kept = _kept(signal, left_out)
-        if np.isfinite(kept).all():
-            usable[number] = kept
-    check = GeometryCheck(
-        radar.frequency,
-        radar.tx_position[pairs],
-        radar.rx_position[pairs],
-        radar.polarizations,
-        standing,
-    )
-    return check.figures(list(usable), list(usable.values()), pose)
-
-
-def _kept(signal: NDArray[Any], left_out: LeftOut) -> NDArray[np.complex64]:
-    """Return data (polarization, pair, frequency) without pairs, and with tones set to zero."""
-    kept = np.delete(signal, left_out.pairs, axis=1).astype(np.complex64)
-    kept[..., list(left_out.tones)] = 0
-    return kept
-
-
-def taken_of_run(run: xr.Dataset, of_run: Examined) -> Taken | None:
-    """Return stretches of consecutive scans as they are stated; None where there are too few.
+def taken_of_run(
+    run: xr.Dataset, sums: HealthSums, radar: Radar, left_out: LeftOut, first: bool = False
+) -> Taken | None:
+    """Return stretches of consecutive scans as they are recorded; None where there are too few.
 
     Scans with a sweep that is not finite are left out.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run.
+    sums : HealthSums
+        Its sums.
+    radar : Radar
+        Places of its channels and tones.
+    left_out : LeftOut
+        What of it is left out.
+    first : bool
+        Whether a few stretches are enough, for a first look.
     """
     pose = np.asarray(run["pose"].values, np.float64)
-    sums, radar, left_out = of_run.sums, of_run.radar, of_run.health.left_out
     scans = len(pose)
-    margin = MOST_LAG if scans >= 2 * BLOCKS + 2 * MOST_LAG else 0
-    count = min(BLOCKS, (scans - 2 * margin) // BLOCK_SCANS)
-    starts = np.linspace(margin, scans - margin - BLOCK_SCANS, max(count, 1)).astype(int)
-    standing = _kept(sums.standing / np.maximum(sums.sweeps, 1)[..., None], left_out)
-    echoes = []
-    numbers = []
-    stretch = []
-    for place, number in product(range(count), range(BLOCK_SCANS)):
-        number += int(starts[place])
-        kept = _kept(run["signal"].variable[number].values, left_out)
-        if np.isfinite(kept).all() and np.isfinite(pose[number]).all():
-            echoes.append((kept - standing)[like_polarized(radar.polarizations)])
-            numbers.append(number)
-            stretch.append(place)
-    if len(numbers) < LEAST_SCANS:
+    margin = MOST_LAG if scans > 6 * MOST_LAG else 0
+    last = scans - margin - _LOOK_SCANS
+    most = min(_FIRST_LOOKS if first else _LOOKS, 1 + (last - margin) // 2)  # halves may be shared
+    starts = np.linspace(margin, last, max(most, 1)).astype(int)[:most]
+    standing = sums.standing / np.maximum(sums.sweeps, 1)[..., None]
+    echoes = {}
+    for number in np.unique(starts[:, None] + np.arange(_LOOK_SCANS)).tolist():
+        signal = _kept(run["signal"].variable[number].values - standing, radar, left_out)
+        if np.isfinite(signal).all() and np.isfinite(pose[number]).all():
+            echoes[number] = signal
+    if len(echoes) < LEAST_SCANS:
         return None
-    pairs = np.setdiff1d(np.arange(len(radar.tx_position)), left_out.pairs)
-    return Taken(
-        np.array(echoes),
-        np.array(numbers),
-        np.array(stretch),
-        radar.frequency,
-        radar.tx_position[pairs],
-        radar.rx_position[pairs],
+    numbers = np.array(list(echoes))
+    within = (numbers - starts[:, None] >= 0) & (numbers - starts[:, None] < _LOOK_SCANS)
+    kept = np.setdiff1d(np.arange(len(radar.tx_position)), left_out.pairs)
+    return taken(
+        np.array(list(echoes.values())),
+        radar.frequency[looked_at(radar.frequency)],
+        numbers.tolist(),
+        [np.flatnonzero(of_stretch).tolist() for of_stretch in within],
+        radar.tx_position[kept],
+        radar.rx_position[kept],
         pose,
     )
+
+
+def _kept(signal: NDArray[Any], radar: Radar, left_out: LeftOut) -> ComplexArray:
+    """Return the part of a scan that is looked at, without pairs, and with tones set to zero."""
+    kept = signal[like_polarized(radar.polarizations)].astype(np.complex64)
+    kept[..., list(left_out.tones)] = 0
+    return np.delete(kept, left_out.pairs, axis=1)[..., looked_at(radar.frequency)]
 
 
 def without(run: xr.Dataset, left_out: LeftOut) -> xr.Dataset:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.health.findings import (
     LEAST_TONES,
@@ -19,11 +18,11 @@ from flgpr.health.findings import (
     finding,
     listed,
 )
-from flgpr.health.geometry import GeometryCheck, GeometryFigures
+from flgpr.health.focus import AIRBORNE, like_polarized, looked_at, taken
+from flgpr.health.hypotheses import HYPOTHESES, POINTS_FEW, QUICK_LAG, Way, best_way, tried
 from flgpr.health.judging import (
     Radar,
     judge_course,
-    judge_geometry,
     judge_sums,
     over_alike,
     over_living,
@@ -31,10 +30,7 @@ from flgpr.health.judging import (
 )
 from flgpr.health.sums import BURST_DB, HealthSums, ScanFigures
 from flgpr.model import Lane
-from flgpr.types import FloatArray
-
-BoolArray = NDArray[np.bool_]
-ComplexArray = NDArray[np.complexfloating]
+from flgpr.types import Arrays, BoolArray, ComplexArray, FloatArray
 
 LASTING = 3
 """Scans in a row with the same fault from which on a pair is left out, or values are filled in."""
@@ -45,11 +41,20 @@ _MOST_SWAY = 0.25  # m, beyond which it drives
 _KNOWN_CHANGES = 4  # of a vehicle that drives, which those of one that stands are compared with
 _LEAST_CHANNELS = 4  # of fewer, a burst on one is not told from a disturbed tone
 _FIRST_JUDGED = 24  # scans from which on sums are judged, and then at twice as many each time
-_EVERY = 4  # scans between two looks at the geometry, while there are few
-_MANY = 160  # scans, after which it is looked at once in sixteen
-_LEAST_DIFFERENCES = 10  # of the geometry, to be judged
+_EVERY = (4, 16)  # scans between two looks at the geometry, while there are few, and later
+_MANY = 32  # scans, after which it is later
+_LEAST_VALUES = 10  # of the agreement of looks, to be judged
+_REMEMBERED = 160  # places, and values of the agreement, that are judged
 _FEW_TONES = 0.01  # share of the tones that are filled in from those beside
-_KEPT = 4  # scans
+_LOOKED_AT = 4  # consecutive scans of a look, with the poses of those before and after
+_LEAST_LOOKED_AT = 3  # of these, which are of use
+
+
+_STATE = {
+    *("absent", "quiet", "doubts", "pose", "places", "steps", "changes"),
+    *("judged_from", "noisy"),
+}
+"""Attributes of the watch that a snapshot holds as they are."""
 
 
 @dataclass(frozen=True)
@@ -85,15 +90,12 @@ class LiveHealth:
         self._quiet = np.zeros(shape[1], np.int64)  # in which it was dead
         self._doubts = 0  # scans in a row without good positions
         self._pose: FloatArray | None = None  # that came last
-        self._places = deque[tuple[float, float]](maxlen=_MANY)  # x and y, m
+        self._places = deque[tuple[float, float]](maxlen=_REMEMBERED)  # x and y, m
         self._steps = deque[float](maxlen=32)  # of the vehicle while it drove, m
         self._changes = deque[float](maxlen=32)  # of the data then, dB
-        # consecutive scans, with those that are of no use: they keep their place among the poses
-        self._latest: list[tuple[ComplexArray | None, FloatArray]] = []
         self._judged_from = _FIRST_JUDGED  # scans from which on sums are judged next
-        self._looked = 0  # scans that had come when the geometry was looked at last
-        self._figures = GeometryFigures()  # of the latest looks
-        self._noisy = np.zeros(self.sums.shape[2], np.bool_)  # tones (frequency,) that stay out
+        self._noisy: list[int] = []  # tones that stay out
+        self.looks = LiveLooks(radar)
 
     def take(
         self, signal: ComplexArray, pose: FloatArray | None, follows: bool = True
@@ -126,20 +128,13 @@ class LiveHealth:
             found += self._tell(
                 finding("repeated scans", self.sums.repeated).acted("they are left out")
             )
-            self._remember(None, pose, follows)
+            self.looks.remember(None, pose, follows)
             return CheckedScan(None, found, repeated=True)
         cleaned = self._cleaned(signal, figures, pairs, gaps, tones)
-        self._remember(cleaned, pose, follows)
+        self.looks.remember(cleaned, pose, follows)
         if cleaned is not None:
             found += self._later()
         return CheckedScan(cleaned, found)
-
-    def _remember(
-        self, signal: ComplexArray | None, pose: FloatArray | None, follows: bool
-    ) -> None:
-        """Keep a scan among the latest, as long as they are consecutive."""
-        before = self._latest if follows else []
-        self._latest = [] if pose is None else [*before, (signal, pose)][-_KEPT:]
 
     def _tell(self, one: Finding) -> list[Finding]:
         """Return a finding unless it was told before, of all its pairs or tones."""
@@ -237,13 +232,15 @@ class LiveHealth:
         """Return which tones (frequency,) are left out of this scan, and what is told of it."""
         sums = self.sums
         marked = np.zeros(sums.shape[2], np.bool_)
+        noisy = marked.copy()
+        noisy[self._noisy] = True
         if sums.shape[0] * sums.shape[1] < _LEAST_CHANNELS or sums.shape[2] < LEAST_TONES:
             return marked, []
         marked |= figures.excess_db > BURST_DB
         if sums.changes >= LASTING:
             marked |= sums.changed_db > LIMITS["disturbed tones"].most
         if not marked.any():
-            return self._noisy, []
+            return noisy, []
         excess = figures.excess_db
         if sums.changes:
             excess = np.maximum(excess, sums.changed_db)
@@ -255,8 +252,8 @@ class LiveHealth:
             tones=tones.tolist(),
         )
         if tones.size > MOST_TONES * marked.size:
-            return self._noisy, self._tell(one)
-        return marked | self._noisy, self._tell(
+            return noisy, self._tell(one)
+        return marked | noisy, self._tell(
             one.acted("left out of the scans in which they stand out")
         )
 
@@ -307,82 +304,148 @@ class LiveHealth:
             found += self._tell_all([self._act(one) for one in judged if one.name in later])
         if len(self._places) >= _FIRST_JUDGED:
             found += self._tell_all(judge_course(np.array(self._places), self.lane))
-        every = _EVERY if count < _MANY else 4 * _EVERY
-        middle = [signal for signal, _ in self._latest[1:3] if signal is not None]
-        if count - self._looked >= every and len(self._latest) == _KEPT and len(middle) == 2:
-            self._looked = count
-            found += self._geometry(middle)
-        return found
+        return found + self._tell_all(self.looks.look(self.sums))
 
     def _act(self, one: Finding) -> Finding:
         """Leave tones that hold noise out of the scans to come, unless they are too many."""
-        few = len(one.tones) <= MOST_TONES * self._noisy.size
-        if one.name != "noisy tones" or not few:
+        if one.name != "noisy tones" or len(one.tones) > MOST_TONES * self.sums.shape[2]:
             return one
-        self._noisy[list(one.tones)] = True
+        self._noisy = sorted({*self._noisy, *one.tones})
         return one.acted("left out from now on")
 
-    def _geometry(self, middle: list[ComplexArray]) -> list[Finding]:
-        """Look at the two scans in the middle of the latest, and judge all that were looked at."""
-        radar = self._radar
-        standing = self.sums.standing / np.maximum(self.sums.sweeps, 1)[..., None]
-        check = GeometryCheck(
-            radar.frequency,
-            radar.tx_position,
-            radar.rx_position,
-            radar.polarizations,
-            standing.astype(np.complex64),
-        )
-        poses = np.array([pose for _, pose in self._latest])
-        figures = self._figures
-        figures.join(check.figures([1, 2], middle, poses), _MANY)
-        if min(len(figures.heading), len(figures.path_db)) < _LEAST_DIFFERENCES:
-            return []
-        return self._tell_all(judge_geometry(figures))
-
-    def state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    def state(self) -> tuple[dict[str, Any], Arrays]:
         """Return the state as JSON values and arrays, for a later :meth:`restore`."""
+        values = {name: np.asarray(getattr(self, f"_{name}")).tolist() for name in _STATE}
+        values["told"] = {name: sorted(numbers) for name, numbers in self._told.items()}
+        values["looks"], arrays = self.looks.state()
+        return values, self.sums.state() | arrays
+
+    def restore(self, values: dict[str, Any], arrays: Arrays) -> None:
+        """Continue from what :meth:`state` returned; a snapshot of a version before may have less."""
+        self.sums.restore(arrays)
+        for name in _STATE & values.keys():
+            known = getattr(self, f"_{name}")
+            value = values[name]
+            if isinstance(known, deque):
+                value = deque(value, known.maxlen)
+            elif isinstance(known, np.ndarray) or name == "pose":
+                value = None if value is None else np.array(value)
+            setattr(self, f"_{name}", value)
+        self._told = {name: set(numbers) for name, numbers in values["told"].items()}
+        self.looks.restore(values.get("looks", {}), arrays)
+
+
+class LiveLooks:
+    """Compares the quick ways to take a stream on the latest consecutive scans, see ``HYPOTHESES``.
+
+    Parameters
+    ----------
+    radar : Radar
+        Names and places of channels and tones.
+    """
+
+    def __init__(self, radar: Radar) -> None:
+        self._radar = radar
+        self._tones = looked_at(radar.frequency)
+        self._like = like_polarized(radar.polarizations)
+        # scans that are of no use keep their place among the poses
+        self._latest: list[tuple[ComplexArray | None, FloatArray]] = []
+        # one of an earlier look: what it agrees by is no ground in common
+        self._unrelated: tuple[ComplexArray, FloatArray] | None = None
+        self._looked = 0  # scans that had come at the last look
+        self._values: dict[str, list[list[float]]] = {}  # agreement as stated and the other way
+
+    def remember(self, signal: ComplexArray | None, pose: FloatArray | None, follows: bool) -> None:
+        """Keep a scan among the latest, as long as they are consecutive.
+
+        Parameters
+        ----------
+        signal : (polarization, pair, frequency) ndarray of complex, or None
+            Its data; None: of no use.
+        pose : (6,) ndarray of float, or None
+            Its pose.
+        follows : bool
+            Whether it was measured next after the scan before.
+        """
+        kept = None if signal is None else signal[self._like][..., self._tones]
+        before = self._latest if follows else []
+        self._latest = [] if pose is None else [*before, (kept, pose)]
+        self._latest = self._latest[-_LOOKED_AT - 2 * QUICK_LAG :]
+
+    def look(self, sums: HealthSums) -> list[Finding]:
+        """Look at the latest scans, if it is time, and judge all that were looked at.
+
+        Parameters
+        ----------
+        sums : HealthSums
+            Sums of all scans, for what stands still.
+        """
+        middle = [signal for signal, _ in self._latest[QUICK_LAG:-QUICK_LAG]]
+        members = [
+            (number, signal)
+            for number, signal in enumerate(middle, QUICK_LAG + 1)
+            if signal is not None
+        ]
+        is_due = sums.scans - self._looked >= _EVERY[sums.scans > _MANY]
+        if not is_due or len(middle) < _LOOKED_AT or len(members) < _LEAST_LOOKED_AT:
+            return []
+        self._looked = sums.scans
+        before = self._unrelated
+        self._unrelated = members[-1][1], self._latest[members[-1][0] - 1][1]
+        if before is None or self._tones is None:
+            return []
+        standing = sums.standing / np.maximum(sums.sweeps, 1)[..., None]
+        numbers, signals = zip((0, before[0]), *members, strict=True)
+        data = np.array(signals)
+        echoes = np.where(data == 0, 0, data - standing[self._like][..., self._tones])
+        scans = taken(
+            echoes,
+            self._radar.frequency[self._tones],
+            numbers,
+            [[0], list(range(1, len(numbers)))],
+            self._radar.tx_position,
+            self._radar.rx_position,
+            np.array([before[1], *(pose for _, pose in self._latest)]),
+        )
+        if not 0 < scans.height < AIRBORNE:
+            return []
+        stated = scans.agreement(points_every=POINTS_FEW)
+        for one, other in tried(scans, quick=True):
+            pairs = np.column_stack([stated, other.agreement(points_every=POINTS_FEW)])
+            known = self._values.setdefault(one.name, [])
+            known += pairs.tolist()
+            del known[:-_REMEMBERED]
+        ways = []
+        for one in HYPOTHESES:
+            values = self._values.get(one.name, [])
+            if len(values) >= _LEAST_VALUES:
+                ways.append(Way.compared(one, *np.transpose(values)))
+        best = best_way(ways)
+        return [] if best is None else [best.finding]
+
+    def state(self) -> tuple[dict[str, Any], Arrays]:
+        """Return the state as JSON values and arrays, for a later :meth:`restore`."""
+        kept = [*self._latest, *([self._unrelated] if self._unrelated else [])]
+        arrays = {f"look{k}": signal for k, (signal, _) in enumerate(kept) if signal is not None}
         values = {
-            "told": {name: sorted(numbers) for name, numbers in self._told.items()},
-            "absent": self._absent.tolist(),
-            "quiet": self._quiet.tolist(),
-            "doubts": self._doubts,
-            "pose": None if self._pose is None else self._pose.tolist(),
-            "places": [list(place) for place in self._places],
-            "steps": list(self._steps),
-            "changes": list(self._changes),
-            "figures": {name: list(known) for name, known in vars(self._figures).items()},
-            "latest": [pose.tolist() for _, pose in self._latest],
+            "poses": [pose.tolist() for _, pose in kept],
+            "latest": len(self._latest),
             "looked": self._looked,
-            "judged_from": self._judged_from,
-            "noisy": np.flatnonzero(self._noisy).tolist(),
+            "values": self._values,
         }
-        arrays = self.sums.state()
-        for place, (signal, _) in enumerate(self._latest):
-            if signal is not None:
-                arrays[f"latest{place}"] = signal
         return values, arrays
 
-    def restore(self, values: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
+    def restore(self, values: dict[str, Any], arrays: Arrays) -> None:
         """Continue from what :meth:`state` returned."""
-        self.sums.restore(arrays)
-        self._told = {name: set(numbers) for name, numbers in values["told"].items()}
-        self._absent = np.array(values["absent"], np.int64)
-        self._quiet = np.array(values["quiet"], np.int64)
-        self._doubts = int(values["doubts"])
-        self._pose = None if values["pose"] is None else np.array(values["pose"], np.float64)
-        self._places = deque(map(tuple, values.get("places", [])), maxlen=_MANY)
-        self._steps = deque(values["steps"], maxlen=32)
-        self._changes = deque(values["changes"], maxlen=32)
-        figures = values.get("figures", {})  # a snapshot of a version before has none
-        for name, known in vars(self._figures).items():
-            known[:] = figures.get(name, [])
-        self._looked = int(values.get("looked", 0))
-        self._judged_from = int(values.get("judged_from", _FIRST_JUDGED))
-        self._noisy[values.get("noisy", [])] = True
-        self._latest = []
-        for place, pose in enumerate(values["latest"]):
-            self._latest.append((arrays.get(f"latest{place}"), np.array(pose, np.float64)))
+        if not values:  # a snapshot of a version before
+            return
+        poses = [np.array(pose) for pose in values["poses"]]
+        kept = [(arrays.get(f"look{k}"), pose) for k, pose in enumerate(poses)]
+        self._latest = kept[: values["latest"]]
+        for signal, pose in kept[values["latest"] :]:
+            self._unrelated = None if signal is None else (signal, pose)
+        self._looked = values["looked"]
+        self._values = {name: list(known) for name, known in values["values"].items()}
 
 
 def _fill_in(signal: ComplexArray, pairs: BoolArray) -> None:
