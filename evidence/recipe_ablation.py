@@ -17,7 +17,8 @@ import numpy as np
 import pandas as pd
 
 from common import markdown, with_share
-from flgpr import detect, simulate_lane, train
+from flgpr import detect, train
+from flgpr.commands.simulate import simulate_lane
 from flgpr.model import Lane
 from flgpr.recipe.schema import parse_recipe, recipe_text
 from flgpr.scoring import roc
