@@ -17,6 +17,7 @@ from flgpr.commands.options import (
     LanesLike,
     Overwrite,
     PathLike,
+    Paths,
     Progress,
     RunLike,
     RunsLike,
@@ -147,7 +148,7 @@ def _typed(function: Callable[Concatenate[Any, P], Any]) -> OneOrList[P]:
     lines_before=_before,
     python_values=_one_run,
     panels={
-        "Recipe and lane": ("recipe", "model", "lane", "others"),
+        "Recipe and lane": ("recipe", "model", "lane", "before", "others"),
         "Trust": ("unlike", "far"),
         "Work": ("workers", "scheduler", "lanes_at_once", "max_memory", "section"),
     },
@@ -179,6 +180,13 @@ def detect(
     ] = "2GB",
     section: Annotated[
         float | None, Option(help="Longest section of a lane, m, for recipes without variants.")
+    ] = None,
+    before: Annotated[
+        Paths | None,
+        Option(
+            help="Earlier run of the same road, of a single run; once per run. What they predict is "
+            "subtracted: what has changed stands out."
+        ),
     ] = None,
     others: With = (),
     unlike: Annotated[
@@ -220,7 +228,7 @@ def detect(
     from flgpr.jobs.driver import detect_lane
     from flgpr.jobs.job import LaneJob, make_job
     from flgpr.jobs.survey import detect_survey, lane_names
-    from flgpr.recipe.make import recipe_or_fitted
+    from flgpr.recipe.make import recipe_or_fitted, with_earlier
     from flgpr.results.survey import Survey
 
     run_list = one_or_more(runs)
@@ -249,9 +257,16 @@ def detect(
             far=far,
         )
 
+    earlier = one_or_more(before)
+    if earlier and not is_one:
+        raise ValueError(f"before must be given for a single run, got {len(run_list)} runs")
     if is_one:
-        with RunLocations(run_list[0], output, other_runs[0]) as place:
+        names = ["before", *(f"before-{number}" for number in range(2, len(earlier) + 1))]
+        beside_it = other_runs[0] | dict(zip(names, earlier, strict=False))
+        with RunLocations(run_list[0], output, beside_it) as place:
             text = recipe_or_fitted(recipe, place.run, model, options.max_memory)
+            if earlier:
+                text = with_earlier(text)
             job = job_of(0, place.run, text, place.output, place.other_runs)
             with options.executor() as executor:
                 detect_lane(job, executor, options.track, options.note, section, overwrite)

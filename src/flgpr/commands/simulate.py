@@ -38,7 +38,7 @@ def _lines(written: SimulationOutput, _: Arguments) -> Iterator[str]:
 @command(
     lines=_lines,
     panels={
-        "Scene and sensor": ("sensor", "seed", "worlds", "errors", "truth", "preview"),
+        "Scene and sensor": ("sensor", "seed", "drive", "worlds", "errors", "truth", "preview"),
         "Full-wave solver": ("engine", "cells", "max_cells"),
         "Work": ("restart", "force", "workers"),
     },
@@ -58,6 +58,9 @@ def simulate_lane(
         str, Option(help="Sensor preset, TOML file, or run store whose array it is.")
     ] = "sri-array",
     seed: Annotated[int, Option(help="The same seed gives the same lane, bit for bit.")] = 1,
+    drive: Annotated[
+        int, Option(min=1, help="Of a scene with later drives over the road: which one.")
+    ] = 1,
     worlds: Annotated[
         PathLike | None,
         Option(
@@ -133,7 +136,7 @@ def simulate_lane(
     from flgpr.simulate.effort import check_effort
     from flgpr.simulate.scene.randomised import draw_into, load_worlds
 
-    loaded_scene = load_scene(scene)
+    loaded_scene = load_scene(scene).at_drive(drive)
     array = _array(sensor)
     lines: list[str] = []
     if worlds is not None:

@@ -150,6 +150,7 @@ def _describe_runs(job: LaneJob, lane: ImagedRun, detections: list[Detection]) -
     described = describe_run(lane.run, job.run, lane.recipe.motion)
     searched = searched_ground(lane.run, lane.recipe, Lane(*job.lane), job.lane_source)
     described["searched"] = searched.as_json()
+    described["searched"]["notes"] += lane.stage_sentences()
     if job.health.findings:
         described["health"] = [finding.as_json() for finding in job.health.findings]
     if job.left_out:
