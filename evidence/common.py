@@ -13,8 +13,8 @@ from scipy.special import expit
 
 from flgpr.scoring import clopper_pearson, match
 from flgpr.scoring.matching import Match
-from flgpr.store import read_table
-from flgpr_ground.ground import Ground
+from flgpr.store import read_table, write_table
+from flgpr_ground.ground import Ground, GroundLane
 from flgpr_ground.running import ALARMS, entry_folder
 
 STRETCH = 10.0  # m of lane that are drawn together
@@ -41,6 +41,19 @@ def matched(
     lanes = {lane.name: lane.lane for lane in ground.tested(split)}
     own = truth[truth["lane"].isin(lanes)].reset_index(drop=True)
     return match(read_table(file, "alarms"), own, lanes, ground.table.halo)
+
+
+def made_lanes(out: Path, lanes: Iterable[GroundLane]) -> tuple[list[Path], list[Path]]:
+    """Return the runs and truths of lanes in a folder; those that are not there are simulated."""
+    runs = []
+    truths = []
+    for lane in lanes:
+        runs.append(out / f"{lane.name}.zarr")
+        truths.append(out / f"{lane.name}.csv")
+        if not runs[-1].exists():
+            write_table(lane.truth(), truths[-1])
+            lane.make(runs[-1])
+    return runs, truths
 
 
 def far_at(far: np.ndarray, level: float) -> float:

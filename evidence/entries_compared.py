@@ -33,7 +33,6 @@ from common import Stated, far_at, markdown, matched, stated_in, with_share
 from flgpr.scoring import (
     assign,
     chance,
-    match,
     mcnemar_test,
     operating_row,
     roc_of,
@@ -43,6 +42,7 @@ from flgpr.scoring.matching import Match
 from flgpr.trials import open_truth
 from flgpr_ground.ground import Ground
 from flgpr_ground.running import ALARMS, SEALED, entry_folder, passphrase, read_ground
+from flgpr_ground.table import in_lanes
 
 FAR = 0.02  # per m²
 LEVELS = (0.5, 0.7, 0.9)  # of Pd
@@ -58,14 +58,6 @@ class Found(NamedTuple):
     target: pd.DataFrame  # truth
     far: np.ndarray  # (target,) per m², infinite for one never found
     least: float  # one false alarm over the area, per m²
-
-
-def in_lanes(of_entry: Match, lanes: list[str]) -> Match:
-    """Return the match of some of the lanes alone."""
-    alarms = of_entry.alarms[of_entry.alarms["lane"].isin(lanes)].reset_index(drop=True)
-    truth = of_entry.truth[of_entry.truth["lane"].isin(lanes)].reset_index(drop=True)
-    borders = {name: of_entry.lanes[name] for name in lanes}
-    return match(alarms, truth, borders, of_entry.halo)
 
 
 def found_in(of_entry: Match, lanes: list[str]) -> Found:

@@ -20,7 +20,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 sys.path.append(str(Path(__file__).parent))
-from common import markdown, with_share
+from common import made_lanes, markdown, with_share
 from flgpr.commands.train import train
 from flgpr.method.detection import AS_LEARNT
 from flgpr.method.false_alarms import own_threshold, training_threshold
@@ -101,16 +101,9 @@ def model_without(out: Path, soil: str) -> Path:
     out.mkdir(parents=True, exist_ok=True)
     model = out / f"model-without-{soil}"
     (out / "fused.toml").write_text(packaged_entries(ground())["fused"].text, encoding="utf-8")
-    runs, truths = [], []
-    for other, rows in RATES["soils"].items():
-        if other == soil:
-            continue
-        for lane in [lane for row in rows for lane in of_row(row)]:
-            runs.append(out / f"{lane.name}.zarr")
-            truths.append(out / f"{lane.name}.csv")
-            if not runs[-1].exists():
-                write_table(lane.truth(), truths[-1])
-                lane.make(runs[-1])
+    others = [rows for other, rows in RATES["soils"].items() if other != soil]
+    lanes = [lane for rows in others for row in rows for lane in of_row(row)]
+    runs, truths = made_lanes(out, lanes)
     if not model.exists():
         train(runs, truths, out / "fused.toml", model, label_radius=RATES["halo"])
     return model
@@ -179,26 +172,17 @@ def print_tables(table: pd.DataFrame) -> None:
     rows = []
     for world, words in WORLDS.items():
         for ranked, ranking in RANKED.items():
+            of_world = table[(table["world"] == world) & (table["ranked"] == ranked)]
             for nominal in RATES["nominal"]:
-                some = table[(table["world"] == world) & (table["ranked"] == ranked)]
-                some = some[some["nominal"] == nominal]
+                some = of_world[of_world["nominal"] == nominal]
                 if not len(some):
                     continue
                 kept = int((some["realised"] <= nominal + 1e-9).sum())
                 mean = some["false"].sum() / some["area"].sum()
                 found = f"{some['found'].sum()} of {some['mines'].sum()}"
                 spoke = str(int(some["spoke"].sum())) if ranked == "delivered" else ""
-                rows.append(
-                    [
-                        words,
-                        ranking,
-                        spoke,
-                        f"{nominal:g}",
-                        with_share(kept, len(some)),
-                        f"{mean:.3f}",
-                        found,
-                    ]
-                )
+                within = with_share(kept, len(some))
+                rows.append([words, ranking, spoke, f"{nominal:g}", within, f"{mean:.3f}", found])
     head = [
         "lanes",
         "ranking",

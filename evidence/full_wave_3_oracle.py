@@ -13,13 +13,10 @@ import itertools
 import numpy as np
 import pandas as pd
 
-from flgpr.method.imaged_run import ImagedRun
-from flgpr.method.method import engine_of
 from flgpr.model import load_sensor
-from flgpr.recipe.schema import load_recipe
 from flgpr.simulate import Scene, Simulator
 from flgpr_ground.ground import GroundLane
-from flgpr_ground.oracle import BareGround, looks_at_mines
+from flgpr_ground.oracle import BareGround, cleaned_run, looks_at_mines
 
 PIECES = 20  # pieces of lane, each as long as a lane of full-wave-3
 LENGTH = 6.4  # m
@@ -55,11 +52,14 @@ def main() -> None:
 def oracle_rows(medium: tuple[float, float], rms: float, seed: int) -> pd.DataFrame:
     """Return at how many false alarms per m² each mine over a soil is found."""
     bare = ground_lane(medium, rms, seed, [])
-    clutter = BareGround(setup_of(bare), bare.lane)
     mines = mines_of(np.random.default_rng(seed))
     lane = ground_lane(medium, rms, seed + 1, mines)
-    truth = pd.DataFrame(mines)
-    looks, echoes = looks_at_mines(setup_of(lane), lane, truth)
+    bare_setup, setup = (
+        cleaned_run(Simulator(of.scene, of.sensor, of.seed).run(), of.lane, RECIPE)
+        for of in (bare, lane)
+    )
+    clutter = BareGround(bare_setup, bare.lane)
+    looks, echoes = looks_at_mines(setup, lane, pd.DataFrame(mines))
     rows = []
     for number, mine in enumerate(mines):
         of_mine = looks.place == number
@@ -110,14 +110,6 @@ def ground_lane(
     )
     sensor = load_sensor("full-wave")
     return GroundLane(scene.name, "", "test", scene.lane, seed, scene, sensor)
-
-
-def setup_of(lane: GroundLane) -> ImagedRun:
-    """Return a simulated lane with its background."""
-    run = Simulator(lane.scene, lane.sensor, lane.seed).run()
-    setup = ImagedRun(run, load_recipe(RECIPE), lane.lane, explains=False)
-    engine_of(setup).run(names=("signature", "gain"))
-    return setup
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ import xarray as xr
 from flgpr.imaging import ScanImager
 from flgpr.model import SPEED_OF_LIGHT, Grid, Lane, Sensor, lane_to_scan, load_sensor
 from flgpr.simulate import Scene, Simulator
-from flgpr.store import open_run, read_table, sample_lane
+from flgpr.store import SAMPLE_LANES, open_run, read_table, sample_lane
 from full_wave_lanes import declared, scene_of
 from validate_fullwave import lane_scene
 
@@ -49,14 +49,14 @@ class LaneData(NamedTuple):
     blocked: pd.DataFrame  # where no clutter is learnt: mines, and objects of the lane
 
 
-def full_wave() -> LaneData:
-    """Return the packaged lane."""
-    folder = sample_lane()
+def full_wave(name: str = SAMPLE_LANES[0], borders: Lane = LANE) -> LaneData:
+    """Return a packaged lane, by default the first."""
+    folder = sample_lane(name)
     run = open_run(folder / "run.zarr")
     truth = read_table(folder / "truth.csv", "truth")
     objects = read_table(folder / "objects.csv", "objects")
     blocked = pd.concat([truth[["x", "y"]], objects[["x", "y"]]], ignore_index=True)
-    return LaneData(run, LANE, truth, blocked)
+    return LaneData(run, borders, truth, blocked)
 
 
 def twin_scene(surface: tuple[float, float], targets: bool = True) -> Scene:
@@ -66,10 +66,7 @@ def twin_scene(surface: tuple[float, float], targets: bool = True) -> Scene:
     scene = lane_scene(real.run, real.targets, objects)
     rms, length = surface
     rough = scene.surface.model_copy(update={"rms_height": rms, "correlation_length": length})
-    changes = {"surface": rough}
-    if not targets:
-        changes["targets"] = ()
-    return scene.model_copy(update=changes)
+    return scene.model_copy(update={"surface": rough} | ({} if targets else {"targets": ()}))
 
 
 def twin(scene: Scene, seed: int, sensor: Sensor | None = None) -> LaneData:
@@ -91,12 +88,7 @@ def with_echo(sensor: Sensor) -> Sensor:
 
 def solved_lane(number: int) -> LaneData:
     """Return a solved lane of full-wave-2, by its number from 1 on."""
-    folder = sample_lane(f"full-wave-2-{number}")
-    run = open_run(folder / "run.zarr")
-    truth = read_table(folder / "truth.csv", "truth")
-    objects = read_table(folder / "objects.csv", "objects")
-    blocked = pd.concat([truth[["x", "y"]], objects[["x", "y"]]], ignore_index=True)
-    return LaneData(run, SOLVED_LANE, truth, blocked)
+    return full_wave(f"full-wave-2-{number}", SOLVED_LANE)
 
 
 def solved_scene(number: int, targets: bool = True) -> Scene:
@@ -107,10 +99,7 @@ def solved_scene(number: int, targets: bool = True) -> Scene:
     common = declared(Path(__file__).parent / "full_wave_2.toml")
     scene = scene_of(common, common["lanes"][number - 1])
     surface = scene.surface.model_copy(update={"slope": 0.0, "texture_shape": None})
-    changes = {"surface": surface}
-    if not targets:
-        changes["targets"] = ()
-    return scene.model_copy(update=changes)
+    return scene.model_copy(update={"surface": surface} | ({} if targets else {"targets": ()}))
 
 
 def solved_twin(number: int, seed: int, echo: bool = False, targets: bool = True) -> LaneData:

@@ -32,7 +32,7 @@ from flgpr.simulate import draw_world
 from flgpr.store.tables import read_columns
 from flgpr.trials import open_truth
 from flgpr_ground.ground import Ground
-from flgpr_ground.oracle import cleaned_lane, lanes_of_site, looks_at_mines
+from flgpr_ground.oracle import BareGround, cleaned_lane, lanes_of_site, looks_at_mines
 from flgpr_ground.running import (
     ALARMS,
     SEALED,
@@ -60,6 +60,7 @@ RUNGS = {
 }
 ENTRIES = {"fused": "fused", "wang2007": "C_HH (wang2007)"}
 PARTS = ("bodies", "position")
+KINDS = {"bodies": ("full", "diagonal"), "position": ("full",)}  # of clutter, by part
 LEVELS = (0.5, 0.7)  # of Pd
 FAR = 0.02  # per m²
 RECIPE = "wang2007"  # whose images are looked at
@@ -92,7 +93,7 @@ def look_at_site(
     if bare is None:
         return
     start = time.process_time()
-    ground_looks = rungs.BareGround(cleaned_lane(str(folder), bare, RECIPE), bare)
+    ground_looks = BareGround(cleaned_lane(str(folder), bare, RECIPE), bare.lane, KINDS[part])
     print(f"{bare.name}: {time.process_time() - start:.0f} s", flush=True)
     for lane in tested:
         start = time.process_time()

@@ -29,6 +29,7 @@ Signatures are scaled to the energy of the mine's own echo in whitened clutter, 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -36,18 +37,10 @@ import numpy as np
 import pandas as pd
 from scipy.special import ive
 
-from flgpr.model import Grid, ground_points
+from flgpr.model import ground_points
 from flgpr.simulate import BARE, EVEN, Scene, Simulator, world_description
 from flgpr_ground.ground import GroundLane
-from flgpr_ground.oracle import (
-    STEP,
-    chips_at,
-    count_maxima,
-    divided_by_rms,
-    inverse_covariance,
-    looks_at,
-    places_in_sight,
-)
+from flgpr_ground.oracle import BareGround, chips_at, divided_by_rms, places_in_sight
 
 DEPTHS = (0.02, 0.07, 0.12)  # m: none is that of a body of the ground
 SOILS = ((3.0, 0.02), (5.0, 0.05), (9.0, 0.1))  # permittivity, loss tangent
@@ -79,14 +72,11 @@ class Candidate(NamedTuple):
 
 def candidates() -> list[Candidate]:
     """Return all signatures that a mine is tried with, its own aside."""
+    grid = list(itertools.product(DEPTHS, SOILS))
     rows = [Candidate("flat", {}, None)]
-    for depth in DEPTHS:
-        for soil in SOILS:
-            rows.append(Candidate("grid", {"depth": depth}, soil))
+    rows += [Candidate("grid", {"depth": depth}, soil) for depth, soil in grid]
     rows += [Candidate("bodies", body, None) for body in BODIES]
-    for depth in DEPTHS:
-        for soil in SOILS:
-            rows.append(Candidate("metal", {"kind": "metal", "depth": depth}, soil))
+    rows += [Candidate("metal", {"kind": "metal", "depth": depth}, soil) for depth, soil in grid]
     return rows
 
 
@@ -201,52 +191,6 @@ def echoes_at(setup, lane: GroundLane, scenes: Sequence[Scene], points: np.ndarr
     return np.concatenate(looks)
 
 
-# The ground without targets
-
-
-class BareGround:
-    """Target-free ground of a site: all looks at its places, whitened in two ways.
-
-    Covariances are those of a metre of distance ahead, as the oracle has them.
-    """
-
-    def __init__(self, setup, lane: GroundLane) -> None:
-        borders = lane.lane
-        self.grid = Grid.spanning(
-            (borders.x_min, borders.x_max), (borders.y_min, borders.y_max), STEP
-        )
-        self.area = borders.area
-        looks = looks_at(setup, self.grid.points().reshape(-1, 3))
-        self.place = looks.place
-        self.ahead = looks.ahead
-        metre = looks.ahead.astype(int)
-        self.inverses = {"full": {}, "diagonal": {}}
-        self.chips = {"full": looks.chip, "diagonal": looks.chip.copy()}
-        for number in np.unique(metre):
-            chip = looks.chip[metre == number]
-            power = (np.abs(chip) ** 2).mean(axis=0, dtype=float)
-            self.inverses["full"][int(number)] = inverse_covariance(chip)
-            self.inverses["diagonal"][int(number)] = np.diag(1 / power)
-            for kind, inverses in self.inverses.items():
-                evened = divided_by_rms(chip, inverses[int(number)])
-                self.chips[kind][metre == number] = evened
-
-    def inverse(self, kind: str, ahead: float) -> np.ndarray:
-        """Return the inverse covariance of the metre nearest to a distance (m)."""
-        inverses = self.inverses[kind]
-        return inverses[min(inverses, key=lambda metre: abs(metre + 0.5 - ahead))]
-
-    def nearest(self, ahead: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the places seen, and the number of the look nearest to a distance at each."""
-        order = np.lexsort((-np.abs(self.ahead - ahead), self.place))
-        last = np.r_[self.place[order][1:] != self.place[order][:-1], True]
-        return self.place[order][last], order[last]
-
-    def count(self, statistic: np.ndarray, level: float) -> int:
-        """Count the false alarms that reach a level."""
-        return count_maxima(statistic.reshape(self.grid.ny, self.grid.nx), level)
-
-
 def log_bessel(z: np.ndarray) -> np.ndarray:
     """Return ln I0(2 |z|)."""
     twice = 2 * np.abs(z)
@@ -262,14 +206,10 @@ class Filters(NamedTuple):
     @classmethod
     def of(cls, ground: BareGround, kind: str, ahead: np.ndarray, echoes: np.ndarray) -> Filters:
         """Scale all signatures to the energy of the first, the mine's own, and filter them."""
-        filters = []
-        energies = []
-        for y, echo in zip(ahead, echoes, strict=True):
-            filtered = echo @ ground.inverse(kind, y).T
-            filters.append(filtered)
-            energies.append((filtered.conj() * echo).sum(axis=1).real)
-        filter_array = np.array(filters)
-        energy = np.array(energies)
+        filter_array = np.array(
+            [echo @ ground.inverse(y, kind).T for y, echo in zip(ahead, echoes, strict=True)]
+        )
+        energy = (filter_array.conj() * echoes).sum(axis=2).real
         total = np.maximum(energy.sum(axis=0), 1e-30)
         scale = np.sqrt(total[0] / total)
         return cls(filter_array * scale[:, None], energy * scale**2)
@@ -322,10 +262,8 @@ def body_statistics(signals: Signals) -> Values:
 
 def position_statistics(signals: Signals) -> Values:
     """Return the statistic (place,) of the oracle and of every rung of the part `position`."""
-    found = {"oracle": signals.likelihoods("own")[:, 0]}
-    for hidden in HIDDEN:
-        found[f"{hidden} unknown"] = signals.likelihoods(hidden)[:, 0]
-    return found
+    groups = {"oracle": "own"} | {f"{hidden} unknown": hidden for hidden in HIDDEN}
+    return {rung: signals.likelihoods(group)[:, 0] for rung, group in groups.items()}
 
 
 class Part(NamedTuple):
@@ -383,7 +321,7 @@ def rates(
         at_mine[kind] = np.empty((1, *shape[1:]), complex)
         over_ground[kind] = np.zeros(shape, np.complex64)
         for look, y in enumerate(ahead):
-            own = divided_by_rms(chips[look][None], ground.inverse(kind, y))
+            own = divided_by_rms(chips[look][None], ground.inverse(y, kind))
             conjugate = of_kind.filter[look].conj().T
             at_mine[kind][:, look] = own @ conjugate
             seen, number = ground.nearest(y)
@@ -395,5 +333,5 @@ def rates(
     maps = part.statistics(Signals(groups, over_ground, filters))
     found = {}
     for rung, level in levels.items():
-        found[rung] = ground.count(maps[rung], float(level[0])) / ground.area
+        found[rung] = ground.rate(maps[rung], float(level[0]))
     return found

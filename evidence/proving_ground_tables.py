@@ -19,7 +19,7 @@ import pandas as pd
 
 from flgpr.store.tables import read_columns
 from flgpr_ground.figures import tiers_figure
-from flgpr_ground.ground import Ground
+from flgpr_ground.ground import Ground, scores_at
 from flgpr_ground.running import read_ground
 from flgpr_ground.table import paired_in_words
 
@@ -67,15 +67,9 @@ def packaged_scores(scores: pd.DataFrame, ground: Ground) -> pd.DataFrame:
     return scores.loc[at_far & (of_mines | of_kinds), PACKAGED_COLUMNS]
 
 
-def at_rate(scores: pd.DataFrame, split: str, group: str, far: float) -> pd.DataFrame:
-    """Return the rows of a split and a group of targets at a false alarm rate, by entry."""
-    chosen = (scores["split"] == split) & (scores["group"] == group)
-    return scores[chosen & (scores["far_allowed"] == far)].set_index("entry")
-
-
 def in_order(scores: pd.DataFrame, ground: Ground) -> list[str]:
     """Return the oracles, then the entries by the mines they find in the standard split."""
-    found = at_rate(scores, STANDARD, "mines", ground.table.far)["n_detected"]
+    found = scores_at(scores, ground, STANDARD).set_index("entry")["n_detected"]
     ordered = found.sort_values(ascending=False, kind="stable").index
     oracles = [name for name in ORACLES if name in found.index]
     return oracles + [str(name) for name in ordered if name not in ORACLES]
@@ -85,8 +79,11 @@ def standard_table(
     scores: pd.DataFrame, cost: pd.Series, entries: list[str], ground: Ground
 ) -> pd.DataFrame:
     """Return what every entry finds in the standard split, against chance and the reference."""
-    at_far = at_rate(scores, STANDARD, "mines", ground.table.far)
-    other = {far: at_rate(scores, STANDARD, "mines", far)["n_detected"] for far in OTHER_RATES}
+    at_far = scores_at(scores, ground, STANDARD).set_index("entry")
+    other = {
+        far: scores_at(scores, ground, STANDARD, far=far).set_index("entry")["n_detected"]
+        for far in OTHER_RATES
+    }
     rows = []
     for entry in entries:
         row = at_far.loc[entry]
@@ -108,17 +105,16 @@ def standard_table(
 
 def splits_table(scores: pd.DataFrame, entries: list[str], ground: Ground) -> pd.DataFrame:
     """Return mines found by kind and site in the standard split, and Pd in the other splits."""
-    far = ground.table.far
     columns = {}
     for group in ("metal", "plastic", "ap", *ground.sites):
-        found = at_rate(scores, STANDARD, group, far)
+        found = scores_at(scores, ground, STANDARD, group).set_index("entry")
         title = f"{group} of {found['n_targets'].max():.0f}"
         columns[title] = found["n_detected"].reindex(entries).map("{:.0f}".format)
     for split in ground.table.splits:
         if split != STANDARD:
-            pd_of_split = at_rate(scores, split, "mines", far)["pd"].reindex(entries)
+            pd_of_split = scores_at(scores, ground, split).set_index("entry")["pd"].reindex(entries)
             columns[split] = pd_of_split.map(two_places)
-    by_site = at_rate(scores, "new-site", "mines", far)["pd_mean"].reindex(entries)
+    by_site = scores_at(scores, ground, "new-site").set_index("entry")["pd_mean"].reindex(entries)
     columns["new-site, each site by itself"] = by_site.map(two_places)
     return pd.DataFrame(columns).rename_axis("entry").reset_index()
 
@@ -133,7 +129,7 @@ def bodies_table(scores: pd.DataFrame, entries: list[str], ground: Ground) -> pd
     columns = {}
     for group in dict.fromkeys(scores["group"]):
         if group.startswith("body ") or group == "simulant":
-            found = at_rate(scores, STANDARD, group, ground.table.far)
+            found = scores_at(scores, ground, STANDARD, group).set_index("entry")
             title = f"{group.removeprefix('body ')} of {found['n_targets'].max():.0f}"
             columns[title] = found["n_detected"].reindex(entries).map("{:.0f}".format)
     return pd.DataFrame(columns).rename_axis("entry").reset_index()

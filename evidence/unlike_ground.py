@@ -21,7 +21,7 @@ import pandas as pd
 import xarray as xr
 
 sys.path.append(str(Path(__file__).parent))
-from common import markdown, with_share
+from common import made_lanes, markdown, with_share
 from flgpr.commands.train import train
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.method import engine_of
@@ -31,7 +31,7 @@ from flgpr.model import Lane
 from flgpr.proving_ground import load_ground, packaged_entries
 from flgpr.recipe.schema import parse_recipe
 from flgpr.simulate import Simulator
-from flgpr.store import open_run, write_table
+from flgpr.store import open_run
 from flgpr_ground.ground import Ground
 
 DECLARED = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
@@ -50,16 +50,8 @@ def train_model(out: Path) -> None:
     """Simulate the training lanes, and train the fitted recipe on them."""
     out.mkdir(parents=True, exist_ok=True)
     (out / "fused.toml").write_text(packaged_entries(ground())["fused"].text, encoding="utf-8")
-    runs, truths, lanes = [], [], []
-    for lane in ground().lanes.values():
-        if lane.part != "train":
-            continue
-        runs.append(out / f"{lane.name}.zarr")
-        truths.append(out / f"{lane.name}.csv")
-        lanes.append(lane.lane)
-        if not runs[-1].exists():
-            write_table(lane.truth(), truths[-1])
-            lane.make(runs[-1])
+    lanes = [lane for lane in ground().lanes.values() if lane.part == "train"]
+    runs, truths = made_lanes(out, lanes)
     train(runs, truths, out / "fused.toml", out / "model", overwrite=False)
 
 

@@ -13,17 +13,15 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from flgpr.door import Folder
 from flgpr.scoring import clopper_pearson
 from flgpr.store.tables import parse_columns
-from flgpr.types import BoolArray
 from flgpr_ground.card import CARD, RECORD, Card, entered_card, parse_card
 from flgpr_ground.citing import is_packaged
 from flgpr_ground.entries import ORACLES
-from flgpr_ground.ground import MINES, Ground
+from flgpr_ground.ground import Ground, scores_at
 from flgpr_ground.running import SEALED, common_ground
 from flgpr_trials.ledger import read_register
 
@@ -36,7 +34,6 @@ _MOST_ENTRIES = 500
 _MOST_TABLE_BYTES = 64 * 2**20
 _KEYS = ("tier", "entry", "split", "group", "far_allowed")
 _COUNTS = ("n_detected", "n_targets", "n_false", "area", "chance")
-_INTEGERS = ("n_detected", "n_targets", "n_false")
 _LARGEST_COUNT = 1e9
 _PAIRED = ("only", "reference_only", "p")
 
@@ -66,7 +63,7 @@ class Board:
 
     ground: Ground
     scores: pd.DataFrame  #: a row per tier, entry, split, group and allowed FAR
-    costs: dict[tuple[str, str], dict[str, float]]  #: by tier and entry
+    costs: dict[tuple[str, str], float]  #: seconds per km by tier and entry; NaN if unknown
     sources: dict[str, str]  #: by entry: SUBMITTED, PACKAGED or RUN_HERE
     cards: dict[str, Card] = field(default_factory=dict)
     records: dict[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -76,17 +73,13 @@ class Board:
     @property
     def not_ranked(self) -> dict[str, str]:
         """Entries that are shown without a rank, with the reason."""
-        reasons = {}
-        for name, card in self.cards.items():
-            if card.why_not_ranked:
-                reasons[name] = card.why_not_ranked
-        for name, (_, title) in ORACLES.items():
-            reasons[name] = f"no detector: {title}"
-        return reasons
+        reasons = {name: card.why_not_ranked for name, card in self.cards.items()}
+        reasons |= {name: f"no detector: {title}" for name, (_, title) in ORACLES.items()}
+        return {name: reason for name, reason in reasons.items() if reason}
 
     def seconds_per_km(self, tier: str, entry: str) -> float | None:
         """Return what an entry takes, as measured or as declared on its card; None if unknown."""
-        seconds = self.costs.get((tier, entry), {}).get("seconds_per_km", math.nan)
+        seconds = self.costs.get((tier, entry), math.nan)
         return seconds if math.isfinite(seconds) else None
 
 
@@ -142,12 +135,10 @@ def packaged_board(ground: Ground) -> Board:
     scores_file = package / f"scores-{ground.title}.csv"
     costs_file = package / f"costs-{ground.title}.csv"
     if not is_packaged(ground) or not scores_file.is_file():
-        no_scores = pd.DataFrame(columns=[*_KEYS, *_COUNTS, *_PAIRED])
-        return Board(ground, no_scores, {}, {})
+        return Board(ground, pd.DataFrame(columns=[*_KEYS, *_COUNTS, *_PAIRED]), {}, {})
     scores = _checked_scores(scores_file.read_bytes(), ground, scores_file.name)
-    costs = _checked_costs(costs_file.read_bytes())
     sources = dict.fromkeys(scores["entry"], PACKAGED)
-    return Board(ground, scores, costs, sources)
+    return Board(ground, scores, _checked_costs(costs_file.read_bytes()), sources)
 
 
 def _add_folder(board: Board, folder: Path) -> None:
@@ -157,30 +148,26 @@ def _add_folder(board: Board, folder: Path) -> None:
         table = files.read(SCORES, _MOST_TABLE_BYTES)
         scores = _checked_scores(table, board.ground, SCORES)
         names = set(scores["entry"])
-        _check_names(board, names)
+        claimed = [name for name, source in board.sources.items() if source != PACKAGED]
+        repeated = sorted(names & set(claimed) - set(ORACLES))  # oracles are in every folder
+        if repeated:
+            raise ValueError(
+                f"folders must have entries of different names, got {repeated[0]} twice"
+            )
         earlier = board.scores[~board.scores["entry"].isin(names)]
-        if earlier.empty:
-            board.scores = scores
-        else:
-            board.scores = pd.concat([earlier, scores], ignore_index=True)
+        tables = [scores] if earlier.empty else [earlier, scores]
+        board.scores = pd.concat(tables, ignore_index=True)
         board.sources |= dict.fromkeys(names, RUN_HERE)
-        for tier, name in list(board.costs):
-            if name in names:
-                del board.costs[tier, name]
+        board.costs = {key: cost for key, cost in board.costs.items() if key[1] not in names}
         if files.has(COSTS):
             board.costs |= _checked_costs(files.read(COSTS, _MOST_TABLE_BYTES))
         for name in sorted(names):
             _add_card(board, files, name)
-    _count_looks(board, folder)
-
-
-def _check_names(board: Board, names: set[str]) -> None:
-    """Refuse entries whose names another folder has used; oracles are in every folder."""
-    claimed = {name for name in names if board.sources.get(name, PACKAGED) != PACKAGED}
-    if claimed - set(ORACLES):
-        raise ValueError(
-            f"folders must have entries of different names, got {sorted(claimed)[0]} twice"
-        )
+    log = folder / "lanes" / f"{SEALED}.log.jsonl"
+    if log.is_file():
+        looks = [line for line in read_register(log) if line.get("event") in ("score", "open")]
+        board.looks += len(looks)
+        board.lists += len({line["alarms"] for line in looks if "alarms" in line})
 
 
 def _add_card(board: Board, files: Folder, name: str) -> None:
@@ -197,17 +184,7 @@ def _add_card(board: Board, files: Folder, name: str) -> None:
     board.records[name] = files.json(f"entries/{name}/{RECORD}")
     board.sources[name] = SUBMITTED
     for tier in board.ground.chosen_tiers():
-        board.costs[tier.tier, name] = card.cost.declared()
-
-
-def _count_looks(board: Board, folder: Path) -> None:
-    """Count the looks at the sealed truth of a folder."""
-    log = folder / "lanes" / f"{SEALED}.log.jsonl"
-    if not log.is_file():
-        return
-    looks = [line for line in read_register(log) if line.get("event") in ("score", "open")]
-    board.looks += len(looks)
-    board.lists += len({line["alarms"] for line in looks if "alarms" in line})
+        board.costs[tier.tier, name] = card.cost.seconds_per_km
 
 
 def _checked_scores(data: bytes, ground: Ground, name: str) -> pd.DataFrame:
@@ -218,14 +195,18 @@ def _checked_scores(data: bytes, ground: Ground, name: str) -> pd.DataFrame:
     missing = [column for column in (*_KEYS, *_COUNTS) if column not in table.columns]
     if missing:
         raise ValueError(f"{name} must have the columns {', '.join(missing)}")
-    for column in _PAIRED:
-        if column not in table.columns:
-            table[column] = np.nan
-    chosen = table[[*_KEYS, *_COUNTS, *_PAIRED]].copy()
+    chosen = table.reindex(columns=[*_KEYS, *_COUNTS, *_PAIRED])
     for column in ("far_allowed", *_COUNTS, *_PAIRED):
         chosen[column] = pd.to_numeric(chosen[column], errors="coerce")
 
-    is_usable = _is_of_ground(chosen, ground) & _has_counts(chosen)
+    counts = chosen[list(_COUNTS)]
+    whole = counts[["n_detected", "n_targets", "n_false"]]
+    is_usable = chosen["split"].isin(list(ground.table.splits))
+    is_usable &= chosen["tier"].isin(list(ground.table.tiers) or [""])
+    is_usable &= chosen[["entry", "group"]].notna().all(axis=1)
+    is_usable &= ((counts >= 0) & (counts <= _LARGEST_COUNT)).all(axis=1)
+    is_usable &= (whole % 1 == 0).all(axis=1)
+    is_usable &= (counts["n_targets"] >= 1) & (counts["n_detected"] <= counts["n_targets"])
     if not is_usable.all():
         faulty = int((~is_usable).sum())
         raise ValueError(
@@ -237,52 +218,22 @@ def _checked_scores(data: bytes, ground: Ground, name: str) -> pd.DataFrame:
     if chosen.duplicated(list(_KEYS)).any():
         raise ValueError(f"{name} must have one row per entry, split, group and FAR, got more")
 
-    points = []
-    for detected, targets in zip(chosen["n_detected"], chosen["n_targets"], strict=True):
-        low, high = clopper_pearson(int(detected), int(targets))
-        points.append((detected / targets, float(low), float(high)))
-    chosen[["pd", "pd_low", "pd_high"]] = np.array(points).reshape(-1, 3)
+    detected, targets = chosen["n_detected"], chosen["n_targets"]
+    chosen["pd"] = detected / targets
+    chosen["pd_low"], chosen["pd_high"] = clopper_pearson(detected, targets)
     return chosen
 
 
-def _is_of_ground(scores: pd.DataFrame, ground: Ground) -> BoolArray:
-    """Return which rows are of a split and a tier of the ground, and name entry and group."""
-    tiers = list(ground.table.tiers) or [""]
-    is_known = scores["split"].isin(list(ground.table.splits))
-    is_known &= scores["tier"].isin(tiers)
-    is_known &= scores["entry"].notna() & scores["group"].notna()
-    return np.asarray(is_known, dtype=np.bool_)
-
-
-def _has_counts(scores: pd.DataFrame) -> BoolArray:
-    """Return which rows hold possible counts: none negative, and no more found than there are."""
-    has_counts = np.ones(len(scores), dtype=np.bool_)
-    for column in _COUNTS:
-        values = scores[column].to_numpy(float)
-        has_counts &= np.isfinite(values) & (values >= 0) & (values <= _LARGEST_COUNT)
-        if column in _INTEGERS:
-            has_counts &= values == np.floor(values)
-    has_counts &= (scores["n_detected"] <= scores["n_targets"]).to_numpy()
-    has_counts &= (scores["n_targets"] >= 1).to_numpy()
-    return has_counts
-
-
-def _checked_costs(data: bytes) -> dict[tuple[str, str], dict[str, float]]:
-    """Return the costs of entries by tier and name; NaN where they are not known."""
+def _checked_costs(data: bytes) -> dict[tuple[str, str], float]:
+    """Return the seconds per km of entries by tier and name; NaN where they are not known."""
     table = parse_columns(data, "tier", "entry")
     if "tier" not in table.columns:
         table = table.assign(tier="")
-    costs = {}
-    for row in table.to_dict("records"):
-        seconds = {}
-        for name in ("seconds_per_km", "training_seconds"):
-            value = pd.to_numeric(row.get(name, math.nan), errors="coerce")
-            seconds[name] = float(value)
-        costs[str(row["tier"]), str(row["entry"])] = seconds
-    return costs
+    seconds = pd.to_numeric(table.reindex(columns=["seconds_per_km"])["seconds_per_km"], "coerce")
+    return dict(zip(zip(table["tier"], table["entry"], strict=True), seconds, strict=True))
 
 
-def ranked_rows(board: Board, tier: str, split: str) -> list[Row]:
+def ranked_rows(board: Board, tier: Ground, split: str) -> list[Row]:
     """Return the entries of a tier and a split, the largest Pd first, those without a rank last.
 
     An entry is ahead of another if its interval lies above the other's as a whole. Where intervals
@@ -293,8 +244,8 @@ def ranked_rows(board: Board, tier: str, split: str) -> list[Row]:
     ----------
     board : Board
         All scores.
-    tier : str
-        The tier, empty on a ground without tiers.
+    tier : Ground
+        The tier, or a ground without tiers.
     split : str
         The split.
 
@@ -303,13 +254,10 @@ def ranked_rows(board: Board, tier: str, split: str) -> list[Row]:
     list of Row
         A row per entry.
     """
-    scores = scores_at(board, tier, split, board.ground.table.far)
+    scores = scores_at(board.scores, tier, split)
     ordered = scores.sort_values(["pd", "entry"], ascending=[False, True], kind="stable")
     not_ranked = board.not_ranked
-    is_ranked = ~ordered["entry"].isin(list(not_ranked))
-    ranked = ordered[is_ranked]
-    low = ranked["pd_low"].to_numpy()
-    high = ranked["pd_high"].to_numpy()
+    ranked = ordered[~ordered["entry"].isin(list(not_ranked))]
     rows = []
     rows_without_rank = []
     for score in ordered.to_dict("records"):
@@ -318,46 +266,10 @@ def ranked_rows(board: Board, tier: str, split: str) -> list[Row]:
         if name in not_ranked:
             rows_without_rank.append(Row(name, source, score))
             continue
-        ahead = low > score["pd_high"]
-        behind = high < score["pd_low"]
+        ahead = ranked["pd_low"] > score["pd_high"]
+        behind = ranked["pd_high"] < score["pd_low"]
         unclear = ranked["entry"][~ahead & ~behind]
-        rows.append(
-            Row(
-                name,
-                source,
-                score,
-                first=1 + int(ahead.sum()),
-                last=len(ranked) - int(behind.sum()),
-                unclear=tuple(str(other) for other in unclear if other != name),
-            )
-        )
+        first, last = 1 + int(ahead.sum()), len(ranked) - int(behind.sum())
+        others = tuple(str(other) for other in unclear if other != name)
+        rows.append(Row(name, source, score, first, last, others))
     return rows + rows_without_rank
-
-
-def scores_at(board: Board, tier: str, split: str, far: float, group: str = MINES) -> pd.DataFrame:
-    """Return the scores of a group of targets in a tier and a split at an allowed FAR.
-
-    Parameters
-    ----------
-    board : Board
-        All scores.
-    tier : str
-        The tier, empty on a ground without tiers.
-    split : str
-        The split.
-    far : float
-        The allowed FAR, per m².
-    group : str
-        The group: all mines by default, a site, a kind or a body.
-
-    Returns
-    -------
-    pandas.DataFrame
-        A row per entry.
-    """
-    scores = board.scores
-    is_chosen = (scores["tier"] == tier) & (scores["split"] == split)
-    is_chosen &= scores["group"] == group
-    # A FAR that was written to a table and read again may differ in its last digit.
-    is_chosen &= np.isclose(scores["far_allowed"].astype(float), far)
-    return scores[is_chosen]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import itertools
 import math
 import unicodedata
 from typing import Annotated, Literal
@@ -110,15 +111,11 @@ class Card(Table):
         """Refuse too many parameters, and text that is no plain line."""
         if len(parameters) > MOST_PARAMETERS:
             raise ValueError(f"must be at most {MOST_PARAMETERS}, got {len(parameters)}")
-        for name, value in parameters.items():
-            for text in (name, value):
-                if not isinstance(text, str):
-                    continue
-                _plain_line(text)
-                if len(text) > _LONGEST_PARAMETER:
-                    raise ValueError(
-                        f"must have at most {_LONGEST_PARAMETER} characters each, got {len(text)}"
-                    )
+        for text in itertools.chain(*parameters.items()):
+            if isinstance(text, str) and len(_plain_line(text)) > _LONGEST_PARAMETER:
+                raise ValueError(
+                    f"must have at most {_LONGEST_PARAMETER} characters each, got {len(text)}"
+                )
         return parameters
 
     @property
@@ -151,13 +148,11 @@ def parse_card(data: bytes) -> tuple[Card | None, list[str]]:
     try:
         return Card.model_validate(entries), []
     except ValidationError as error:
-        lines = []
         faults = error.errors()
-        for fault in faults[:_MOST_DESCRIBED]:
-            line = printable(describe_fault(fault, Card, ""))
-            if len(line) > _LONGEST_FAULT:
-                line = line[:_LONGEST_FAULT] + " ..."
-            lines.append(line)
+    lines = []
+    for fault in faults[:_MOST_DESCRIBED]:
+        line = printable(describe_fault(fault, Card, ""))
+        lines.append(f"{line[:_LONGEST_FAULT]} ..." if len(line) > _LONGEST_FAULT else line)
     lines = list(dict.fromkeys(lines))
     if len(lines) > _MOST_FAULTS:
         more = len(lines) - _MOST_FAULTS + max(len(faults) - _MOST_DESCRIBED, 0)

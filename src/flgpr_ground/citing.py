@@ -11,7 +11,7 @@ import pandas as pd
 import flgpr
 from flgpr.scoring import paired_interval
 from flgpr_ground.card import Card
-from flgpr_ground.ground import GROUNDS, MINES, Ground, load_ground
+from flgpr_ground.ground import GROUNDS, Ground, by_pd, load_ground, scores_at
 
 CREATOR = "The flgpr developers"
 """Who made the packaged grounds, as CITATION.cff names them."""
@@ -76,22 +76,25 @@ def cite_ground(ground: Ground) -> str:
     """Return how a ground is cited, as a line of text."""
     if not is_packaged(ground):
         return f"{ground.title}, a proving ground made with flgpr {flgpr.__version__}."
-    year = PUBLISHED[ground.title.removesuffix("-quick")][:4]
     return (
-        f"{CREATOR} ({year}): {ground.title}, a proving ground for forward-looking "
+        f"{CREATOR} ({_year(ground)}): {ground.title}, a proving ground for forward-looking "
         f"ground-penetrating radar, made with flgpr {flgpr.__version__}."
     )
 
 
 def bibtex_of_ground(ground: Ground) -> str:
     """Return how a packaged ground is cited, as an entry of BibTeX."""
-    year = PUBLISHED[ground.title.removesuffix("-quick")][:4]
     key = ground.title.replace("-", "")
     return (
-        f"@misc{{{key}, author = {{{{{CREATOR}}}}}, year = {{{year}}}, "
+        f"@misc{{{key}, author = {{{{{CREATOR}}}}}, year = {{{_year(ground)}}}, "
         f"title = {{{ground.title}: a proving ground for forward-looking ground-penetrating "
         f"radar}}, note = {{made with flgpr {flgpr.__version__}}}}}"
     )
+
+
+def _year(ground: Ground) -> str:
+    """Return the year in which a packaged ground was published."""
+    return PUBLISHED[ground.title.removesuffix("-quick")][:4]
 
 
 def bibtex(ground: Ground) -> str:
@@ -121,8 +124,6 @@ def latex_table(ground: Ground, scores: pd.DataFrame, split: str) -> str:
     str
         LaTeX text: an environment ``tabular``, and comments that say what is in it.
     """
-    is_shown = (scores["split"] == split) & (scores["group"] == MINES)
-    shown = scores[is_shown & (scores["far_allowed"] == ground.table.far)]
     lines = [
         f"% {cite_ground(ground)} Split {split}; \\usepackage{{booktabs}}.",
         f"% Pd of mines at {ground.table.far:g} false alarms per m^2, exact 95 % intervals; chance: "
@@ -133,7 +134,7 @@ def latex_table(ground: Ground, scores: pd.DataFrame, split: str) -> str:
         "detector & $P_d$ & found & false & chance & difference & $p$ \\\\",
     ]
     for tier in ground.chosen_tiers():
-        of_tier = shown[shown["tier"] == tier.tier] if tier.tier else shown
+        of_tier = scores_at(scores, tier, split)
         if len(of_tier):
             lines += ["\\midrule", *_latex_rows(of_tier, tier.tier_title)]
     return "\n".join([*lines, "\\bottomrule", "\\end{tabular}"]) + "\n"
@@ -143,7 +144,7 @@ def _latex_rows(scores: pd.DataFrame, title: str) -> Iterator[str]:
     """Yield the rows of a tier, the largest Pd first."""
     if title:
         yield f"\\multicolumn{{7}}{{l}}{{\\emph{{{_latex(title)}}}}} \\\\"
-    for row in scores.sort_values("pd", ascending=False, kind="stable").to_dict("records"):
+    for row in by_pd(scores).to_dict("records"):
         paired = ["--", "--"]
         if np.isfinite(row.get("p", np.nan)):
             only, other, total = row["only"], row["reference_only"], row["n_targets"]

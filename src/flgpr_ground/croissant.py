@@ -67,7 +67,8 @@ def describe_ground(
         :func:`missing_properties`.
     """
     name = ground.title
-    template = _template()
+    packaged = is_packaged(ground)
+    template: Node = parse_json(packaged_text(CROISSANT))
     described: Node = {
         "@context": template["@context"],
         "@type": "sc:Dataset",
@@ -78,16 +79,14 @@ def describe_ground(
         "measurementTechnique": _technique(ground),
         "keywords": template["keywords"],
         "isLiveDataset": False,
-        "citeAs": bibtex_of_ground(ground) if is_packaged(ground) else cite_ground(ground),
+        "citeAs": bibtex_of_ground(ground) if packaged else cite_ground(ground),
     }
-    addresses = [stated.url for stated in licences(ground)]
-    if not addresses and licence:
-        addresses = [licence]
+    addresses = [stated.url for stated in licences(ground)] or ([licence] if licence else [])
     if addresses:
         described["license"] = addresses if len(addresses) > 1 else addresses[0]
     if url:
         described["url"] = url
-    if is_packaged(ground):
+    if packaged:
         described["creator"] = {"@type": "sc:Organization", "name": CREATOR}
         described["datePublished"] = PUBLISHED[name.removesuffix("-quick")]
     described["distribution"] = template["distribution"]
@@ -98,22 +97,15 @@ def describe_ground(
     splits = [f"{split}: {row.title}" for split, row in ground.table.splits.items()]
     record_sets["splits"]["description"] = "; ".join(splits)
     record_sets["targets"]["field"] += _target_fields()
-    for record_set, rows in (
+    for name, rows in (
         ("lanes", _lane_rows(ground)),
         ("splits", _split_rows(ground)),
         ("run_variables", _variable_rows()),
     ):
-        records = []
-        for row in rows:
-            records.append({f"{record_set}/{column}": value for column, value in row.items()})
-        record_sets[record_set]["data"] = records
+        record_sets[name]["data"] = [
+            {f"{name}/{column}": value for column, value in row.items()} for row in rows
+        ]
     return described
-
-
-def _template() -> Node:
-    """Return what is the same in the descriptions of all grounds."""
-    template: Node = parse_json(packaged_text(CROISSANT))
-    return template
 
 
 def missing_properties(described: Node) -> list[str]:
@@ -167,17 +159,14 @@ def _files(ground: Ground, root: Path) -> Iterator[Node]:
     folder = Folder(root)
     names = ["ground.toml", f"lanes/{SEALED}", f"lanes/{PRINTS}"]
     for name, lane in ground.lanes.items():
-        names += [f"lanes/{name}.zarr/commit.json", f"lanes/{name}-lane.toml"]
+        if lane.stored is None:  # a stored lane is a link to where it lies, which is not followed
+            names.append(f"lanes/{name}.zarr/commit.json")
+        names.append(f"lanes/{name}-lane.toml")
         if lane.part != "test":
             names.append(f"lanes/{name}-truth.csv")
     encodings = {".json": "application/json", ".toml": "application/toml", ".csv": "text/csv"}
-    stored = set()
-    for name, lane in ground.lanes.items():
-        if lane.stored is not None:
-            stored.add(f"lanes/{name}.zarr/commit.json")
     for name in names:
-        # A stored lane is a link to where it lies, which is not followed.
-        if name in stored or not folder.has(name):
+        if not folder.has(name):
             continue
         with folder.open(name, MOST_CHECKED) as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
@@ -214,9 +203,9 @@ def _split_rows(ground: Ground) -> Iterator[Node]:
     for tier in ground.chosen_tiers():
         for split, row in tier.table.splits.items():
             for number, fold in enumerate(row.folds, 1):
-                learnt_from = tier.matching(fold.train, fold.without)
-                for use, lanes in (("train", learnt_from), ("test", tier.matching(fold.test))):
-                    for lane in lanes:
+                uses = {"train": (fold.train, fold.without), "test": (fold.test,)}
+                for use, patterns in uses.items():
+                    for lane in tier.matching(*patterns):
                         yield {"split": split, "fold": number, "use": use, "lane": lane.name}
 
 
@@ -284,10 +273,7 @@ def write_croissant(
     FileExistsError
         If the file is there with other content, as after lanes were added: delete it first.
     """
-    if folder is not None:
-        described_ground = read_ground(Path(folder))
-    else:
-        described_ground = load_ground(quick, None if ground is None else Path(ground))
+    described_ground = load_ground(quick, ground) if folder is None else read_ground(Path(folder))
     described = describe_ground(described_ground, folder, url, licence)
     path = Path(output) if output is not None else Path(folder or ".") / CROISSANT
     text = json.dumps(described, indent=1, ensure_ascii=False, allow_nan=False) + "\n"

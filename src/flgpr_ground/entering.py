@@ -6,12 +6,13 @@ What ``flgpr benchmark run`` made of a class of one's own is written as a submis
 from __future__ import annotations
 
 import datetime
+import itertools
 import json
 import math
 import os
 import platform
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -93,8 +94,18 @@ def enter_submissions(
     if not checked:
         raise ValueError("submissions must be one or more folders, got none")
     for submission in checked:
-        _refuse_faults(submission)
-    entered_ground = _common_ground(checked)
+        faults = submission.faults
+        if faults:
+            more = "; `flgpr benchmark validate` lists all" if len(faults) > _SHOWN_FAULTS else ""
+            raise ValueError(
+                f"submission {submission.folder} must break no rule, got {len(faults)}: "
+                f"{'; '.join(faults[:_SHOWN_FAULTS])}{more}"
+            )
+    grounds = [submission.ground for submission in checked if submission.ground is not None]
+    entered_ground = grounds[0]
+    if any(other != entered_ground for other in grounds):
+        titles = ", ".join(other.title for other in grounds)
+        raise ValueError(f"submissions must all enter one ground, got {titles}")
     names = [submission.name for submission in checked]
     if len(set(names)) < len(names):
         raise ValueError(f"submissions must have names of their own, got {', '.join(names)}")
@@ -107,7 +118,8 @@ def enter_submissions(
     with locked_folder(folder):
         for submission in checked:
             _refuse_second(submission, entered_ground, folder)
-        _refuse_changed_cards(folder)
+        for path in sorted((folder / ENTRIES).glob("*")):
+            entered_card(Folder(folder), path.name)  # refuses one that was changed
         begin_folder(entered_ground, folder)
         seal_tested(entered_ground, folder / "lanes")
         discard_partials(folder / ENTRIES)
@@ -118,44 +130,19 @@ def enter_submissions(
     return text
 
 
-def _common_ground(submissions: Sequence[Submission]) -> Ground:
-    """Return the ground that all submissions enter; several are a ValueError."""
-    grounds = [submission.ground for submission in submissions]
-    first = grounds[0]
-    if first is None or any(other != first for other in grounds):
-        titles = ", ".join(other.title for other in grounds if other is not None)
-        raise ValueError(f"submissions must all enter one ground, got {titles}")
-    return first
-
-
-def _refuse_faults(submission: Submission) -> None:
-    """Refuse a submission that breaks a rule, with the first few."""
-    faults = submission.faults
-    if not faults:
-        return
-    shown = "; ".join(faults[:_SHOWN_FAULTS])
-    if len(faults) > _SHOWN_FAULTS:
-        shown += "; `flgpr benchmark validate` lists all"
-    raise ValueError(
-        f"submission {submission.folder} must break no rule, got {len(faults)}: {shown}"
-    )
-
-
 def _refuse_second(submission: Submission, ground: Ground, folder: Path) -> None:
     """Refuse a name that was entered with other alarms or another card, or that a recipe has."""
     own_folder = folder / ENTRIES / submission.name
     refuse_links(own_folder)
     if not own_folder.exists():
         return
-    if read_ground(folder) == ground and not Folder(own_folder).has(RECORD):
-        # What was run here and is entered as it is: its alarms were scored already.
-        if _digests_of_run(submission.name, ground, folder) == dict(_digests(submission, ground)):
-            return
-    elif read_ground(folder) == ground:
-        record = Folder(own_folder).json(RECORD)
-        entered = record["alarms"]
-        for key, digest in _digests(submission, ground):
-            if entered.get(key, digest) != digest:
+    files = Folder(own_folder)
+    of_ground = read_ground(folder) == ground
+    digests = _digests(_lists(submission, ground))
+    if of_ground and files.has(RECORD):
+        record = files.json(RECORD)
+        for key, digest in digests.items():
+            if record["alarms"].get(key, digest) != digest:
                 raise ValueError(
                     f"submission {submission.name} must have the alarms that were scored, got "
                     f"others of {key}: sealed lanes are scored once; a changed detector enters "
@@ -168,45 +155,36 @@ def _refuse_second(submission: Submission, ground: Ground, folder: Path) -> None
                 f"{own_folder} and enter again, which scores the alarms again and is logged"
             )
         return
-    raise ValueError(
-        f"submission must have a name that no other entry of {folder} has, got {submission.name}"
-    )
+    # What was run here and is entered as it is: its alarms were scored already.
+    ran: dict[str, tuple[Ground, pd.DataFrame]] = {}
+    for tier, split in itertools.product(ground.chosen_tiers(), ground.table.splits):
+        name = f"{_key(tier, split)}/{ALARMS}"
+        if of_ground and files.has(name):
+            ran[_key(tier, split)] = tier, read_table_in(own_folder, name, "alarms")
+    if not of_ground or _digests(ran) != digests:
+        raise ValueError(
+            f"submission must have a name that no other entry of {folder} has, got {submission.name}"
+        )
 
 
-def _digests_of_run(name: str, ground: Ground, folder: Path) -> dict[str, str]:
-    """Return the digests of the lists of an entry that ran here, as :func:`_digests` does."""
-    digests = {}
-    for tier in ground.chosen_tiers():
-        for split in ground.table.splits:
-            entry = entry_folder(folder, name, tier)
-            if (entry / split / ALARMS).is_file():
-                alarms = read_table_in(entry, f"{split}/{ALARMS}", "alarms")
-                key = f"{tier.tier}/{split}" if tier.tier else split
-                digests[key] = alarm_hash(alarms)
-    return digests
+def _key(tier: Ground, split: str) -> str:
+    """Return the folder of a list in that of its entry: ``TIER/SPLIT``, or ``SPLIT``."""
+    return f"{tier.tier}/{split}" if tier.tier else split
 
 
-def _refuse_changed_cards(folder: Path) -> None:
-    """Refuse a folder in which the card of an earlier entry was changed."""
-    files = Folder(folder)
-    for path in sorted((folder / ENTRIES).glob("*")):
-        entered_card(files, path.name)
+def _lists(submission: Submission, ground: Ground) -> dict[str, tuple[Ground, pd.DataFrame]]:
+    """Return tier and alarms of every list that has lanes in the tier, by its folder."""
+    lists = {}
+    for tier, split in itertools.product(ground.chosen_tiers(), submission.alarms):
+        tested = {lane.name for lane in tier.tested(split)}
+        if tested & set(submission.lanes[split]):
+            lists[_key(tier, split)] = tier, in_tier(submission.alarms[split], tier)
+    return lists
 
 
-def _by_tier(submission: Submission, ground: Ground) -> Iterator[tuple[Ground, str, pd.DataFrame]]:
-    """Yield tier, split and alarms of every list that has lanes in the tier."""
-    for tier in ground.chosen_tiers():
-        for split, alarms in submission.alarms.items():
-            tested = {lane.name for lane in tier.tested(split)}
-            if tested & set(submission.lanes[split]):
-                yield tier, split, in_tier(alarms, tier)
-
-
-def _digests(submission: Submission, ground: Ground) -> Iterator[tuple[str, str]]:
-    """Yield every list by ``TIER/SPLIT``, or ``SPLIT`` without tiers, and its digest."""
-    for tier, split, alarms in _by_tier(submission, ground):
-        key = f"{tier.tier}/{split}" if tier.tier else split
-        yield key, alarm_hash(alarms)
+def _digests(lists: Mapping[str, tuple[Ground, pd.DataFrame]]) -> dict[str, str]:
+    """Return the digests of the alarms of lists."""
+    return {key: alarm_hash(alarms) for key, (_, alarms) in lists.items()}
 
 
 def _write_entry(submission: Submission, ground: Ground, folder: Path) -> None:
@@ -216,36 +194,27 @@ def _write_entry(submission: Submission, ground: Ground, folder: Path) -> None:
     """
     own_folder = folder / ENTRIES / submission.name
     own_folder.parent.mkdir(exist_ok=True)
-    is_new = not own_folder.exists()
-    with atomic_output(own_folder) if is_new else nullcontext(own_folder) as target:
+    is_there = own_folder.exists()
+    lists = _lists(submission, ground)
+    with nullcontext(own_folder) if is_there else atomic_output(own_folder) as target:
         target.mkdir(exist_ok=True)
-        _fill_entry(submission, ground, target)
-
-
-def _fill_entry(submission: Submission, ground: Ground, target: Path) -> None:
-    """Write the files of an entry into a folder, which may hold other splits of it."""
-    files = Folder(target)
-    digests: dict[str, str] = {}
-    if files.has(RECORD):
-        digests |= files.json(RECORD)["alarms"]
-    digests |= dict(_digests(submission, ground))
-    record = {
-        "card": sha256(submission.card_text),
-        "alarms": digests,
-        "lanes": submission.likeness,
-    }
-    # Before the alarms, so that an interrupted submission is known as the one that goes on.
-    write_whole(target / RECORD, json.dumps(record, indent=1, sort_keys=True) + "\n")
-    write_whole(target / CARD, submission.card_text)
-    method = "" if submission.card is None else submission.card.method
-    entry = Entry(submission.name, method, alarms=submission.folder)
-    for tier, split, alarms in _by_tier(submission, ground):
-        of_tier = target / tier.tier if tier.tier else target
-        if (of_tier / split / ALARMS).is_file():
-            continue  # the same alarms, by their digests
-        write_about(tier, entry, of_tier)
-        (of_tier / split).mkdir(exist_ok=True)
-        write_table(alarms, of_tier / split / ALARMS)
+        earlier = Folder(target).json(RECORD)["alarms"] if Folder(target).has(RECORD) else {}
+        record = {
+            "card": sha256(submission.card_text),
+            "alarms": earlier | _digests(lists),
+            "lanes": submission.likeness,
+        }
+        # Before the alarms, so that an interrupted submission is known as the one that goes on.
+        write_whole(target / RECORD, json.dumps(record, indent=1, sort_keys=True) + "\n")
+        write_whole(target / CARD, submission.card_text)
+        method = "" if submission.card is None else submission.card.method
+        entry = Entry(submission.name, method, alarms=submission.folder)
+        for key, (tier, alarms) in lists.items():
+            file = target / key / ALARMS
+            if not file.is_file():  # else the same alarms, by their digests
+                write_about(tier, entry, file.parent.parent)
+                file.parent.mkdir(exist_ok=True)
+                write_table(alarms, file)
 
 
 def write_submissions(folder: str | Path) -> list[Path]:
@@ -299,16 +268,18 @@ def _write_submission(
         for split in tier.table.splits:
             alarms = read_table_in(entry, f"{split}/{ALARMS}", "alarms")
             for lane in tier.tested(split):
-                of_lane = alarms[alarms["lane"] == lane.name]
-                (target / split / lane.name).mkdir(parents=True, exist_ok=True)
-                write_table(of_lane, target / split / lane.name / ALARMS)
+                file = target / split / lane.name / ALARMS
+                file.parent.mkdir(parents=True, exist_ok=True)
+                write_table(alarms[alarms["lane"] == lane.name], file)
     return target
 
 
 def _card_text(home: Path, name: str, tiers: Sequence[tuple[Ground, dict[str, Any]]]) -> str:
     """Return the card of an entry that ran on tiers: what is known is filled in."""
     ground, about = tiers[-1]
-    costs = [measured_cost(tier, name, entry_folder(home, name, tier)) for tier, _ in tiers]
+    costs = pd.DataFrame(
+        [measured_cost(tier, name, entry_folder(home, name, tier)) for tier, _ in tiers]
+    ).max(numeric_only=True)
     entries: dict[str, Any] = {
         "format": "flgpr-submission-1",
         "ground": ground.title,
@@ -324,17 +295,13 @@ def _card_text(home: Path, name: str, tiers: Sequence[tuple[Ground, dict[str, An
     }
     cost: dict[str, Any] = {
         "hardware": f"{os.cpu_count()} processors, {platform.machine()}",
-        "seconds_per_km": round(max(cost["seconds_per_km"] for cost in costs), 1),
-        "training_seconds": round(max(cost["training_seconds"] for cost in costs), 1),
+        "seconds_per_km": round(costs["seconds_per_km"], 1),
+        "training_seconds": round(costs["training_seconds"], 1),
     }
-    peak_bytes = max(cost["peak_bytes"] for cost in costs)
-    if math.isfinite(peak_bytes):
-        cost["peak_mib"] = round(peak_bytes / 2**20, 1)
-    lines = [f"{key} = {toml_value(value)}" for key, value in entries.items()]
-    lines += [
-        f"date = {datetime.date.today()}",
-        "",
-        "[cost]",
-        *(f"{key} = {toml_value(value)}" for key, value in cost.items()),
-    ]
+    if math.isfinite(costs["peak_bytes"]):
+        cost["peak_mib"] = round(costs["peak_bytes"] / 2**20, 1)
+    tables = []
+    for table in (entries, cost):
+        tables.append([f"{key} = {toml_value(value)}" for key, value in table.items()])
+    lines = [*tables[0], f"date = {datetime.date.today()}", "", "[cost]", *tables[1]]
     return "\n".join(lines) + "\n"

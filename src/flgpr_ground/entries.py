@@ -59,25 +59,24 @@ def packaged_entries(ground: Ground) -> dict[str, Entry]:
     entries = {}
     own_recipe = ground.table.recipe
     chosen = ground.table.entries or tuple(rows)
-    unknown = sorted(set(chosen) - set(rows))
+    unknown = ", ".join(sorted(set(chosen) - set(rows)))
     if unknown:
         raise ValueError(
-            f"entries of a ground must be packaged ones, {', '.join(rows)}, got {', '.join(unknown)}"
+            f"entries of a ground must be packaged ones, {', '.join(rows)}, got {unknown}"
         )
     for name, row in rows.items():
-        if name not in chosen:
-            continue
         source = row["recipe"]
-        if own_recipe and row.get("fitted"):
-            text = _fitted_text(ground, name, row["recipe"])
-        elif own_recipe and (row["recipe"] != "wang2007" or "replace" in row):
-            continue  # made for another array
-        else:
-            source = own_recipe or row["recipe"]
-            text = recipe_text(source)
+        fitted = own_recipe and row.get("fitted")
+        other_array = own_recipe and not fitted and (source != "wang2007" or "replace" in row)
+        if name not in chosen or other_array:
+            continue
         replacements = list(row.get("replace", []))
-        if own_recipe and not row.get("fitted"):
-            replacements += ground.table.replace
+        if fitted:
+            text = _fitted_text(ground, name, source)
+        else:
+            source = own_recipe or source
+            text = recipe_text(source)
+            replacements += ground.table.replace if own_recipe else ()
         if ground.quick:
             replacements += row.get("quick", [])
         for old, new in replacements:
@@ -107,15 +106,16 @@ def _fitted_text(ground: Ground, name: str, recipe: str) -> str:
 
 def _array_of(ground: Ground) -> RadarSetup:
     """Return what a recipe that is fitted to the array of a ground depends on."""
-    for lane in ground.lanes.values():
-        if lane.stored is None:
-            poses, _ = draw_track(lane.scene, lane.sensor.height, lane.seed)
-            pose = np.median(poses, axis=0)
-            tx, rx = (vehicle_to_scan(places, pose) for places in lane.sensor.pairs())
-            labels = list(lane.sensor.polarization)
-            return RadarSetup(labels, lane.sensor.tones.axis(), tx, rx, poses)
+    lanes = list(ground.lanes.values())
+    if not lanes:
+        raise ValueError(f"ground must have a lane, got none in {ground.title}")
+    lane = lanes[0]
+    if lane.stored is not None:
         return radar_setup(open_run(lane.stored[0]))
-    raise ValueError(f"ground must have a lane, got none in {ground.title}")
+    poses, _ = draw_track(lane.scene, lane.sensor.height, lane.seed)
+    pose = np.median(poses, axis=0)
+    tx, rx = (vehicle_to_scan(places, pose) for places in lane.sensor.pairs())
+    return RadarSetup(list(lane.sensor.polarization), lane.sensor.tones.axis(), tx, rx, poses)
 
 
 def find_entry(what: str | Path, ground: Ground) -> Entry:
@@ -138,7 +138,7 @@ def find_entry(what: str | Path, ground: Ground) -> Entry:
     if str(what) in entries:
         return entries[str(what)]
     if is_own(what):
-        return _own_entry(load_own(str(what)), entries)
+        return _own_entry(load_own(str(what)), entries, ground.title)
     path = Path(what)
     if path.is_dir():
         if not list(path.glob("*.csv")):
@@ -150,11 +150,17 @@ def find_entry(what: str | Path, ground: Ground) -> Entry:
     return Entry(path.stem, parse_recipe(text, str(what)).description, text)
 
 
-def _own_entry(own: OwnDetector, entries: Mapping[str, Entry]) -> Entry:
+def _own_entry(own: OwnDetector, entries: Mapping[str, Entry], title: str) -> Entry:
     """Return the entry of a class of one's own, with the text of the recipe that it reads from."""
     name = own.recipe or "wang2007"
     text = entries[name].text if name in entries else recipe_text(name)
     recipe = parse_recipe(text, name)
+    if not own.takes_lanes and recipe.features is None and not recipe.columns:
+        raise ValueError(
+            f"{own.path} must read features of alarms, got {name} on {title}, which has none, as "
+            "those of Wang et al. need HH, HV and VV: write fit(lanes) and detect(lane) instead, "
+            "or name a recipe with features in `recipe`"
+        )
     if recipe.learning() or recipe.detector is not None:
         raise ValueError(
             f"recipe of {own.path} must be one in which nothing learns, as wang2007, got {name}"

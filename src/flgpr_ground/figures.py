@@ -16,7 +16,7 @@ from matplotlib.patches import Patch
 
 from flgpr.types import FloatArray
 from flgpr_ground.entries import ORACLES
-from flgpr_ground.ground import BODY, MINES, Ground
+from flgpr_ground.ground import BODY, MINES, Ground, opening_split, scores_at
 
 KINDS = ("metal", "plastic", "ap", "simulant")
 """Kinds of targets in the order of their panels; others come after them."""
@@ -60,11 +60,6 @@ BOARD_MARKS = {
 SMALL = 4  # points, size of a mark among those of several tiers
 
 
-def opening_split(ground: Ground) -> str:
-    """Name the split that the opening figure shows, the first."""
-    return next(iter(ground.table.splits))
-
-
 def tiers_figure(ground: Ground, scores: pd.DataFrame, narrow: bool = False) -> Figure:
     """Draw Pd of every entry with its 95 % interval by kind of target, a mark for every tier.
 
@@ -84,12 +79,16 @@ def tiers_figure(ground: Ground, scores: pd.DataFrame, narrow: bool = False) -> 
         A panel per kind of target. Entries stand in the order of their Pd of all mines on the first
         tier, the oracles above them. What chance finds at most is shaded.
     """
-    is_shown = scores["split"] == opening_split(ground)
-    is_shown &= scores["far_allowed"] == ground.table.far
-    shown = scores[is_shown]
+    shown = scores_at(scores, ground, opening_split(ground), group=None)
     tiers = [tier for tier in ground.table.tiers if (shown["tier"] == tier).any()]
-    entries = _entries_from_below(shown, tiers)
-    kinds = _kinds(ground, shown)
+    # In the order of their Pd of all mines, by the first tier first; the oracles stand on top.
+    mines = shown[shown["group"] == MINES].pivot_table(index="entry", columns="tier", values="pd")
+    ordered = mines.reindex(columns=tiers).fillna(-1.0).sort_values(tiers, kind="stable").index
+    entries = [name for name in ordered if name not in ORACLES]
+    entries += [name for name in ORACLES if name in ordered]
+    groups = [name for name in dict.fromkeys(shown["group"]) if name not in (MINES, *ground.sites)]
+    kinds = [kind for kind in groups if not kind.startswith(BODY)]
+    kinds.sort(key=lambda kind: KINDS.index(kind) if kind in KINDS else len(KINDS))
     columns = min(2, len(kinds)) if narrow else len(kinds)
     rows = math.ceil(len(kinds) / columns)
     width = 3.9 if narrow else 1.5 + 1.55 * columns
@@ -98,9 +97,7 @@ def tiers_figure(ground: Ground, scores: pd.DataFrame, narrow: bool = False) -> 
     grid = figure.subplots(rows, columns, sharey=True, sharex=True, squeeze=False)
     panels = grid.ravel()
     for panel, kind in zip(panels, kinds, strict=False):
-        scores_of_kind = shown[shown["group"] == kind]
-        _draw_kind(panel, scores_of_kind, kind, tiers, entries)
-
+        _draw_kind(panel, shown[shown["group"] == kind], kind, tiers, entries)
     for panel in panels[len(kinds) :]:
         panel.set_axis_off()
     # The lowest panel of every column is labelled: the last row may not be full.
@@ -108,8 +105,12 @@ def tiers_figure(ground: Ground, scores: pd.DataFrame, narrow: bool = False) -> 
     for panel in panels[first_lowest : len(kinds)]:
         panel.set_xlabel("Pd", fontsize=8)
 
+    handles: list[Line2D | Patch] = []
+    for tier, mark in zip(tiers, cycle(TIER_MARKS), strict=False):
+        handles.append(mark.handle(ground.table.tiers[tier].title, SMALL))
+    handles.append(Patch(color="0.8", label="what chance finds, at most"))
     figure.legend(
-        handles=_legend(ground, tiers),
+        handles=handles,
         loc="outside upper center",
         ncols=1 if narrow else 3,
         fontsize=8,
@@ -118,52 +119,23 @@ def tiers_figure(ground: Ground, scores: pd.DataFrame, narrow: bool = False) -> 
     return figure
 
 
-def _entries_from_below(shown: pd.DataFrame, tiers: Sequence[str]) -> list[str]:
-    """Return the entries in the order of their Pd of all mines, by the first tier first.
-
-    The oracles are the last, which stand on top.
-    """
-    mines = shown[shown["group"] == MINES].pivot_table(index="entry", columns="tier", values="pd")
-    by_tier = mines.reindex(columns=list(tiers)).fillna(-1.0)
-    ordered = by_tier.sort_values(list(tiers), kind="stable")
-    entries = [str(name) for name in ordered.index if name not in ORACLES]
-    oracles = [name for name in ORACLES if name in ordered.index]
-    return entries + oracles
-
-
-def _kinds(ground: Ground, shown: pd.DataFrame) -> list[str]:
-    """Return the kinds of targets that were scored, in the order of their panels."""
-    kinds = []
-    for group in dict.fromkeys(str(name) for name in shown["group"]):
-        is_site = group in ground.sites
-        if group != MINES and not is_site and not group.startswith(BODY):
-            kinds.append(group)
-    usual = [kind for kind in KINDS if kind in kinds]
-    unusual = [kind for kind in kinds if kind not in KINDS]
-    return usual + unusual
-
-
 def _draw_kind(
     panel: Axes, scores: pd.DataFrame, kind: str, tiers: Sequence[str], entries: list[str]
 ) -> None:
     """Draw the panel of one kind of target, whose scores are given."""
     row_heights = np.arange(len(entries), dtype=float)
     _set_rows(panel, row_heights, entries)
-    highest_chance = float(scores["chance"].max())
-    panel.axvspan(PD_AXIS[0], highest_chance, color="0.8", zorder=1, lw=0)
+    panel.axvspan(PD_AXIS[0], float(scores["chance"].max()), color="0.8", zorder=1, lw=0)
 
-    shifts = np.zeros(1)
-    if len(tiers) > 1:
-        shifts = np.linspace(SPREAD / 2, -SPREAD / 2, len(tiers))
+    spread = SPREAD / 2 if len(tiers) > 1 else 0.0
+    shifts = np.linspace(spread, -spread, len(tiers))
     target_counts = []
     for tier, shift, mark in zip(tiers, shifts, cycle(TIER_MARKS), strict=False):
-        scores_of_tier = scores[scores["tier"] == tier]
-        rows = scores_of_tier.set_index("entry").reindex(entries)
+        rows = scores[scores["tier"] == tier].set_index("entry").reindex(entries)
         mark.draw(panel, row_heights + shift, rows, SMALL)
         target_counts.append(f"{rows['n_targets'].max():.0f}")
 
-    kind_label = "AP" if kind == "ap" else kind
-    panel.set_title(f"{kind_label} ({' | '.join(target_counts)})", fontsize=9)
+    panel.set_title(f"{kind_label(kind)} ({' | '.join(target_counts)})", fontsize=9)
     panel.set_xticks((0, 0.5, 1))
     panel.tick_params(axis="x", labelbottom=True)
 
@@ -179,12 +151,9 @@ def _set_rows(panel: Axes, row_heights: FloatArray, names: Sequence[str]) -> Non
     panel.grid(axis="x", alpha=0.4)
 
 
-def _legend(ground: Ground, tiers: Sequence[str]) -> list[Line2D | Patch]:
-    """Return the entries of the legend."""
-    handles: list[Line2D | Patch] = []
-    for tier, mark in zip(tiers, cycle(TIER_MARKS), strict=False):
-        handles.append(mark.handle(ground.table.tiers[tier].title, SMALL))
-    return [*handles, Patch(color="0.8", label="what chance finds, at most")]
+def kind_label(kind: str) -> str:
+    """Return the name of a kind of targets as a page shows it."""
+    return "AP" if kind == "ap" else kind
 
 
 def split_figure(ground: Ground, scores: pd.DataFrame, split: str) -> Figure:
@@ -204,23 +173,16 @@ def split_figure(ground: Ground, scores: pd.DataFrame, split: str) -> Figure:
     Figure
         A panel for all mines, every site and every kind.
     """
-    is_shown = scores["split"] == split
-    is_shown &= scores["far_allowed"] == ground.table.far
-    shown = scores[is_shown]
+    shown = scores_at(scores, ground, split, group=None)
     mines = shown[shown["group"] == MINES]
     entries = list(mines.sort_values("pd", kind="stable")["entry"])
-    groups = []
-    for group in dict.fromkeys(shown["group"]):
-        if not group.startswith(BODY):
-            groups.append(group)
-
+    groups = [group for group in dict.fromkeys(shown["group"]) if not group.startswith(BODY)]
     size = (2.2 + 1.7 * len(groups), 1.1 + 0.3 * len(entries))
     figure = Figure(figsize=size, layout="constrained")
     panels = np.atleast_1d(figure.subplots(1, len(groups), sharey=True))
     row_heights = np.arange(len(entries))
     for panel, group in zip(panels, groups, strict=True):
-        scores_of_group = shown[shown["group"] == group]
-        rows = scores_of_group.set_index("entry").reindex(entries)
+        rows = shown[shown["group"] == group].set_index("entry").reindex(entries)
         panel.hlines(row_heights, rows["pd_low"], rows["pd_high"], color="C0", lw=2)
         panel.plot(rows["pd"].to_numpy(), row_heights, "o", color="C0", ms=5)
         panel.plot(rows["chance"], row_heights, "|", color="C3", ms=11, mew=2)
@@ -254,20 +216,21 @@ def leaderboard_figure(
     """
     row_counts = [len(rows) for _, rows in tiers]
     panel_heights = [1.0 + ROW * count for count in row_counts]
+    ratios = {}
+    shape = (1, len(tiers))
+    size = (0.8 + 4.8 * len(tiers), max(panel_heights, default=1.0 + ROW))
     if narrow:
-        shape = (len(tiers), 1)
+        shape = shape[::-1]
         size = (4.2, sum(panel_heights) + 0.5)
         ratios = {"height_ratios": [3 + count for count in row_counts]}
-    else:
-        shape = (1, len(tiers))
-        size = (0.8 + 4.8 * len(tiers), max(panel_heights, default=1.0 + ROW))
-        ratios = {}
     figure = Figure(figsize=size, layout="constrained")
     panels = figure.subplots(*shape, squeeze=False, gridspec_kw=ratios).ravel()
     for panel, (tier, rows) in zip(panels, tiers, strict=True):
         _draw_board(panel, tier, rows, submitted)
+    lines = [mark.handle(label) for label, mark in BOARD_MARKS.items()]
+    lines.append(Line2D([], [], marker="|", color="0.25", ls="", ms=8, mew=1.5, label="chance"))
     figure.legend(
-        handles=_board_legend(),
+        handles=[*lines, Patch(color="C0", alpha=0.13, label="interval of the first")],
         loc="outside upper center",
         ncols=2 if narrow else 5 if len(tiers) > 1 else 3,
         fontsize=8,
@@ -279,11 +242,14 @@ def leaderboard_figure(
 def _draw_board(panel: Axes, tier: Ground, rows: Sequence[Any], submitted: Container[str]) -> None:
     """Draw the panel of a tier, the first row on top."""
     row_heights = np.arange(len(rows), dtype=float)[::-1]
-    _set_rows(panel, row_heights, [_short_name(row.entry) for row in rows])
+    names = []
+    for row in rows:  # a long name would leave no room for the panel
+        fits = len(row.entry) <= LONGEST_NAME
+        names.append(row.entry if fits else f"{row.entry[: LONGEST_NAME - 3]}...")
+    _set_rows(panel, row_heights, names)
     first = next((row for row in rows if row.first), None)
     if first is not None:
-        low = first.score["pd_low"]
-        high = first.score["pd_high"]
+        low, high = first.score["pd_low"], first.score["pd_high"]
         panel.axvspan(low, high, color="C0", alpha=0.13, lw=0, zorder=1)
 
     for height, row, label in zip(row_heights, rows, panel.get_yticklabels(), strict=True):
@@ -296,16 +262,3 @@ def _draw_board(panel: Axes, tier: Ground, rows: Sequence[Any], submitted: Conta
     panel.set_title(f"{title} ({targets:.0f} mines)", fontsize=9)
     panel.set_xticks((0, 0.25, 0.5, 0.75, 1))
     panel.set_xlabel("Pd", fontsize=8)
-
-
-def _short_name(name: str) -> str:
-    """Return a name that leaves room for the panel."""
-    return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 3]}..."
-
-
-def _board_legend() -> list[Line2D | Patch]:
-    """Return the entries of the legend of the leaderboard."""
-    lines = [mark.handle(label) for label, mark in BOARD_MARKS.items()]
-    chance = Line2D([], [], marker="|", color="0.25", ls="", ms=8, mew=1.5, label="chance")
-    shaded = Patch(color="C0", alpha=0.13, label="interval of the first")
-    return [*lines, chance, shaded]

@@ -65,11 +65,8 @@ def likeness_of(ground: Ground, prints: bytes) -> dict[str, str]:
         raise ValueError("fingerprints must have every lane once, got one again")
     likeness = {}
     for name in ground.lanes:
-        if name not in present.index:
-            likeness[name] = "not there"
-        elif name not in known.index:
-            likeness[name] = "not known"
-        else:
+        likeness[name] = "not there" if name not in present.index else "not known"
+        if name in present.index and name in known.index:
             likeness[name] = _compared(present.loc[name], known.loc[name])
     return likeness
 

@@ -12,6 +12,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import pandas as pd
 from pydantic import Field, ValidationError, model_validator
 
@@ -254,10 +255,8 @@ class Ground:
     @property
     def sites(self) -> tuple[str, ...]:
         """Names of the sites, which are the same in every tier."""
-        if not self.table.tiers:
-            return tuple(self.table.sites)
-        first_tier = next(iter(self.table.tiers.values()))
-        return tuple(first_tier.sites)
+        rows = list(self.table.tiers.values())
+        return tuple(rows[0].sites if rows else self.table.sites)
 
     @property
     def tier_title(self) -> str:
@@ -307,22 +306,20 @@ class Ground:
         without : tuple of str
             Patterns of lanes to leave out.
         """
-
-        def matches(lane: GroundLane, of_patterns: tuple[str, ...]) -> bool:
-            return any(fnmatchcase(lane.name_in_tier, pattern) for pattern in of_patterns)
-
         lanes = []
         for lane in self.lanes.values():
-            if matches(lane, patterns) and not matches(lane, without):
+            found, left_out = (
+                any(fnmatchcase(lane.name_in_tier, pattern) for pattern in names)
+                for names in (patterns, without)
+            )
+            if found and not left_out:
                 lanes.append(lane)
         return lanes
 
     def tested(self, split: str) -> list[GroundLane]:
         """Return the lanes that a split is scored on."""
-        lanes = []
-        for fold in self.table.splits[split].folds:
-            lanes += self.matching(fold.test)
-        return lanes
+        folds = self.table.splits[split].folds
+        return [lane for fold in folds for lane in self.matching(fold.test)]
 
     def _make_lanes(self) -> Iterator[GroundLane]:
         """Yield all lanes: tier by tier, site by site, design by design."""
@@ -330,16 +327,29 @@ class Ground:
         if self.table.polarization:
             recorded = {"polarization": self.table.polarization}
             preset = Sensor.model_validate({**preset.model_dump(), **recorded})
-        for tier, sites in self._sites_by_tier().items():
-            for site, (design, row) in itertools.product(sites, self.table.lanes.items()):
+        table = self.table
+        for tier, row_of_tier in table.tiers.items() or [("", None)]:
+            if self.tier not in ("", tier):
+                continue
+            sites = table.sites if row_of_tier is None else row_of_tier.sites
+            surfaces = {} if row_of_tier is None else row_of_tier.surface
+            for site, (design, row) in itertools.product(sites, table.lanes.items()):
                 if row.sites and site not in row.sites:
                     continue
                 prefix = f"{tier}-{site}-{design}" if tier else f"{site}-{design}"
                 if row.borders is not None:
-                    yield _stored_lane(f"{prefix}-1", site, tier, row, preset)
+                    lane = Lane(*row.borders)
+                    stored = (Path(row.run), Path(row.truth))
+                    if row.packaged_lane is not None:
+                        stored = sample_files(row.packaged_lane)
+                    yield GroundLane(
+                        f"{prefix}-1", site, row.part, lane, 0, Scene(), preset, stored, tier
+                    )
                     continue
-                scene = self._scene(sites[site], row, self._tier_surface(tier, design))
-                sensor = _changed_sensor(preset, row)
+                scene = self._scene(sites[site], row, surfaces.get(design, {}))
+                entries = preset.model_dump()
+                entries |= {**row.sensor, "errors": entries["errors"] | row.errors}
+                sensor = Sensor.model_validate(entries)
                 for number in range(1, row.copies + 1):
                     name = f"{prefix}-{number}"
                     seed = zlib.crc32(f"{self.title} {name}".encode())
@@ -347,20 +357,6 @@ class Ground:
                     yield GroundLane(
                         name, site, row.part, scene.lane, seed, own_scene, sensor, tier=tier
                     )
-
-    def _sites_by_tier(self) -> dict[str, dict[str, str]]:
-        """Return the packaged sites by their names on the ground, for its tiers."""
-        if not self.table.tiers:
-            return {"": self.table.sites}
-        sites = {}
-        for name, row in self.table.tiers.items():
-            if self.tier in ("", name):
-                sites[name] = row.sites
-        return sites
-
-    def _tier_surface(self, tier: str, design: str) -> dict[str, float]:
-        """Return the entries of the surface that a tier changes in lanes of a design."""
-        return self.table.tiers[tier].surface.get(design, {}) if tier else {}
 
     def _scene(self, site: str, row: LaneRow, tier_surface: dict[str, float]) -> Scene:
         """Return the scene of a design at a packaged site."""
@@ -370,9 +366,10 @@ class Ground:
             raise ValueError(
                 f"targets must be of a sort that is described, got {', '.join(sorted(unknown))}"
             )
-        draws = []
-        for sort, depth, count in row.targets:
-            draws.append({**table.sorts[sort], "depth": depth, "count": count})
+        draws = [
+            {**table.sorts[sort], "depth": depth, "count": count}
+            for sort, depth, count in row.targets
+        ]
         surface = {**table.scene.get("surface", {}), **row.surface, **tier_surface}
         entries = {"site": site, "length": row.length, "draws": draws, "surface": surface}
         if row.soil:
@@ -388,24 +385,6 @@ def in_tier(alarms: pd.DataFrame, tier: Ground) -> pd.DataFrame:
     if not tier.tier:
         return alarms
     return alarms[alarms["lane"].isin(tier.lanes)].reset_index(drop=True)
-
-
-def _stored_lane(name: str, site: str, tier: str, row: LaneRow, preset: Sensor) -> GroundLane:
-    """Return a lane of a run store and a truth that are there."""
-    if row.borders is None:
-        raise ValueError(f"lane {name} must have borders, for it is one that is there already")
-    files = (Path(row.run), Path(row.truth))
-    if row.packaged_lane is not None:
-        files = sample_files(row.packaged_lane)
-    return GroundLane(name, site, row.part, Lane(*row.borders), 0, Scene(), preset, files, tier)
-
-
-def _changed_sensor(preset: Sensor, row: LaneRow) -> Sensor:
-    """Return the sensor with the entries that a design changes."""
-    entries = preset.model_dump()
-    return Sensor.model_validate(
-        {**entries, **row.sensor, "errors": entries["errors"] | row.errors}
-    )
 
 
 def sample_files(name: str = SAMPLE_LANES[0]) -> tuple[Path, Path]:
@@ -424,7 +403,8 @@ def load_ground(quick: bool = False, source: str | Path | None = None) -> Ground
         there are tiers, and the lanes and splits that it names, some of them its own, with its
         entries laid over theirs.
     source : str or path, optional
-        Name of a packaged description, by default the first; a file; or the text itself.
+        Name of a packaged description, by default the first; a file; or the text itself, which has
+        several lines.
 
     Returns
     -------
@@ -437,8 +417,14 @@ def load_ground(quick: bool = False, source: str | Path | None = None) -> Ground
         If the description is not valid, or has no quick form.
     """
     name = GROUNDS[0] if source is None else str(source)
-    text = _description_text(name, source)
-    with faults_of(name if isinstance(source, Path) else "ground"):
+    if name in GROUNDS:
+        text = packaged_text(f"{name}.toml")
+    elif "\n" in name:
+        name, text = "ground", name
+    else:
+        with faults_of(name):
+            text = read_named(existing(name, "proving ground")).decode("utf-8")
+    with faults_of(name):
         data = parse_toml(text)
     over = data.pop("quick", {})
     if quick and not over:
@@ -454,16 +440,6 @@ def load_ground(quick: bool = False, source: str | Path | None = None) -> Ground
         raise ValueError("; ".join(faults)) from None
 
 
-def _description_text(name: str, source: str | Path | None) -> str:
-    """Return the TOML text of a description: a packaged one, a file, or the text itself."""
-    if name in GROUNDS:
-        return packaged_text(f"{name}.toml")
-    if isinstance(source, str):
-        return source
-    with faults_of(name):
-        return read_named(existing(name, "proving ground")).decode("utf-8")
-
-
 def packaged_text(name: str) -> str:
     """Return a text file of the package."""
     with faults_of(name):
@@ -473,18 +449,61 @@ def packaged_text(name: str) -> str:
 def _quick_form(data: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
     """Lay the table ``quick`` over a description, of which only what the table names stays."""
     for table in ("lanes", "splits"):
-        quick_rows = {}
-        for name, entries in over.pop(table, {}).items():
-            quick_rows[name] = data[table].get(name, {}) | entries
-        data[table] = quick_rows
-    if "sites" in over:
-        data["sites"] = over.pop("sites")
+        rows = over.pop(table, {})
+        data[table] = {name: data[table].get(name, {}) | rows[name] for name in rows}
+    data["sites"] = over.pop("sites", data.get("sites", {}))
     for tier, entries in over.pop("tiers", {}).items():
         data["tiers"][tier] = data["tiers"].get(tier, {}) | entries
     for row in data.get("tiers", {}).values():
-        surface = {}
-        for design, entries in row.get("surface", {}).items():
-            if design in data["lanes"]:
-                surface[design] = entries
-        row["surface"] = surface
+        surface = row.get("surface", {})
+        row["surface"] = {name: surface[name] for name in surface if name in data["lanes"]}
     return merge_tables(data, over)
+
+
+def opening_split(ground: Ground) -> str:
+    """Name the split that the opening figure shows, the first."""
+    return next(iter(ground.table.splits))
+
+
+def scores_at(
+    scores: pd.DataFrame,
+    ground: Ground,
+    split: str,
+    group: str | None = MINES,
+    far: float | None = None,
+) -> pd.DataFrame:
+    """Return the scores of a ground, or of one of its tiers, in a split at an allowed FAR.
+
+    Parameters
+    ----------
+    scores : pandas.DataFrame
+        What :func:`flgpr.proving_ground.score_entries` gives.
+    ground : Ground
+        The ground, or one of its tiers, whose scores are chosen.
+    split : str
+        Name of the split.
+    group : str or None
+        The group of targets: all mines by default, a site, a kind or a body; None for all groups.
+    far : float, optional
+        The allowed FAR, per m²; by default that of comparison.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row per entry, and per group or tier where none is chosen.
+    """
+    allowed = ground.table.far if far is None else far
+    # A FAR that was written to a table and read again may differ in its last digit.
+    is_chosen = np.isclose(scores["far_allowed"].astype(float), allowed) & (
+        scores["split"] == split
+    )
+    if group is not None:
+        is_chosen &= scores["group"] == group
+    if ground.tier:
+        is_chosen &= scores["tier"] == ground.tier
+    return scores[is_chosen]
+
+
+def by_pd(scores: pd.DataFrame) -> pd.DataFrame:
+    """Return scores with the largest Pd first."""
+    return scores.sort_values("pd", ascending=False, kind="stable")

@@ -11,10 +11,11 @@ import pandas as pd
 
 from flgpr.door import read_named
 from flgpr.report import render
-from flgpr_ground.board import Board, ranked_rows, read_board, scores_at
+from flgpr_ground.board import Board, ranked_rows, read_board
 from flgpr_ground.citing import DATA_LICENCE, cite_ground, cite_submission
 from flgpr_ground.entries import ORACLES, packaged_entries
-from flgpr_ground.figures import leaderboard_figure, opening_split
+from flgpr_ground.figures import leaderboard_figure
+from flgpr_ground.ground import by_pd, opening_split, scores_at
 from flgpr_ground.table import paired_in_words, write_page
 
 _KINDS = ("metal", "plastic", "ap")  # with a column of their own
@@ -78,24 +79,26 @@ def leaderboard_html(board: Board) -> str:
     """Return the page of a board, HTML text without references to other files."""
     ground = board.ground
     split = opening_split(ground)
-    far = ground.table.far
     tiers = []
-    figures = []
     for tier in ground.chosen_tiers():
-        rows = ranked_rows(board, tier.tier, split)
+        rows = ranked_rows(board, tier, split)
         if not rows:
             continue
         by_kind = {}
         for kind in _KINDS:
-            by_kind[kind] = _by_entry(scores_at(board, tier.tier, split, far, kind))
+            by_kind[kind] = _by_entry(scores_at(board.scores, tier, split, kind))
         by_split = {}
         for name in ground.table.splits:
-            by_split[name] = _by_entry(scores_at(board, tier.tier, name, far))
-        figures.append((tier, rows))
+            by_split[name] = _by_entry(scores_at(board.scores, tier, name))
         tiers.append((tier, rows, by_kind, by_split))
+    figures = [(tier, rows) for tier, rows, *_ in tiers]
     shown = set(board.scores["entry"])
     titles = [(name, entry.title) for name, entry in packaged_entries(ground).items()]
     titles += [(name, title) for name, (_, title) in ORACLES.items()]
+    cards = []
+    for name, card in sorted(board.cards.items()):
+        parameters = json.dumps(card.parameters, ensure_ascii=False)
+        cards.append((card, board.records[name], parameters, cite_submission(card)))
     return render(
         "leaderboard.html",
         package="flgpr_ground",
@@ -105,7 +108,7 @@ def leaderboard_html(board: Board) -> str:
         wide=leaderboard_figure(figures, board.cards),
         narrow=leaderboard_figure(figures, board.cards, narrow=True),
         tiers=tiers,
-        cards=[_card_of(board, name) for name in sorted(board.cards)],
+        cards=cards,
         others=[(name, title) for name, title in titles if name in shown],
         not_ranked=[(name, reason) for name, reason in board.not_ranked.items() if name in shown],
         paired_in_words=paired_in_words,
@@ -116,16 +119,4 @@ def leaderboard_html(board: Board) -> str:
 
 def _by_entry(scores: pd.DataFrame) -> dict[str, dict[Any, Any]]:
     """Return scores by entry, the largest Pd first."""
-    ordered = scores.sort_values("pd", ascending=False, kind="stable")
-    return {str(score["entry"]): score for score in ordered.to_dict("records")}
-
-
-def _card_of(board: Board, name: str) -> dict[str, Any]:
-    """Return what the page shows of a submission."""
-    card = board.cards[name]
-    return {
-        "card": card,
-        "record": board.records[name],
-        "parameters": json.dumps(card.parameters, ensure_ascii=False),
-        "citation": cite_submission(card),
-    }
+    return {str(score["entry"]): score for score in by_pd(scores).to_dict("records")}

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 from scipy.ndimage import maximum_filter
 from scipy.special import ive
 
@@ -101,61 +102,57 @@ def run_oracle(
     """
     benchmark = Path(folder)
     tiers = read_ground(benchmark).chosen_tiers(tier)
-    for ground in tiers:
-        _check_lanes(ground, benchmark)
+    lanes = [_lanes_of_sites(ground, benchmark) for ground in tiers]
     # Opening the truth is logged: it comes after all that can be wrong.
     truth, *_ = open_truth(benchmark / "lanes" / SEALED, passphrase(tiers[0]))
-    tables = [_look_at_tier(ground, benchmark, recipe, options, truth) for ground in tiers]
+    tables = []
+    for ground, of_sites in zip(tiers, lanes, strict=True):
+        tables.append(_look_at_tier(ground, of_sites, benchmark, recipe, options, truth))
     return pd.concat(tables, ignore_index=True)
 
 
-def _check_lanes(ground: Ground, benchmark: Path) -> None:
-    """Refuse a ground without target-free test lanes, and lanes that are not there yet."""
-    lanes_of_sites = _lanes_of_sites(ground)
-    if not lanes_of_sites:
-        raise ValueError(
-            "sites must have test lanes without targets, whose false alarms count, got none "
-            f"in {benchmark}"
-        )
-    missing = []
-    for name in itertools.chain(*lanes_of_sites.values()):
-        run = benchmark / "lanes" / f"{name}.zarr"
-        if not run.is_dir():
-            missing.append(name)
-    if missing:
-        names = ", ".join(missing)
-        raise ValueError(f"lanes must be made by `flgpr benchmark run` first, not there: {names}")
+def _lanes_of_sites(ground: Ground, benchmark: Path) -> dict[str, list[str]]:
+    """Return the lanes that the oracle looks at by site, those without targets first.
 
-
-def _lanes_of_sites(ground: Ground) -> dict[str, list[str]]:
-    """Return the names of the lanes that the oracle looks at by site, those without targets first."""
+    A ground without target-free test lanes is refused, and so are lanes that are not there yet.
+    """
     names = {}
     for site in ground.sites:
         bare, tested = lanes_of_site(ground, site)
         if bare is not None and tested:
             names[site] = [lane.name for lane in (bare, *tested)]
+    if not names:
+        raise ValueError(
+            "sites must have test lanes without targets, whose false alarms count, got none "
+            f"in {benchmark}"
+        )
+    stores = [benchmark / "lanes" / f"{name}.zarr" for name in itertools.chain(*names.values())]
+    missing = ", ".join(store.stem for store in stores if not store.is_dir())
+    if missing:
+        raise ValueError(f"lanes must be made by `flgpr benchmark run` first, not there: {missing}")
     return names
 
 
 def _look_at_tier(
-    ground: Ground, folder: Path, recipe: str, options: RunOptions, truth: pd.DataFrame
+    ground: Ground,
+    lanes: Mapping[str, list[str]],
+    folder: Path,
+    recipe: str,
+    options: RunOptions,
+    truth: pd.DataFrame,
 ) -> pd.DataFrame:
     """Look at a ground or at one of its tiers, and write what was found."""
+    description = (ground.quick, ground.text)
     jobs: list[tuple[Any, ...]] = []
-    lanes_of_sites = _lanes_of_sites(ground)
-    for site, names in lanes_of_sites.items():
+    for site, names in lanes.items():
         targets = truth[truth["lane"].isin(names)].to_dict("list")
-        description = (ground.quick, ground.text)
         jobs.append((description, str(folder.resolve()), recipe, site, names, targets))
     label = f"oracle, {ground.tier}" if ground.tier else "oracle"
     rows_of_site = {}
     with options.executor() as executor:
         for report in options.track(executor.run(_look_at_site, jobs), label, len(jobs)):
             rows_of_site[report["lane"]] = report["found"]
-    rows = []
-    for site in lanes_of_sites:
-        rows += rows_of_site[site]
-    table = pd.DataFrame(rows)
+    table = pd.DataFrame([row for site in lanes for row in rows_of_site[site]])
     if ground.tier:
         table = table.assign(tier=ground.tier)
     write_whole(folder / oracle_file(ground), table.to_csv(index=False, float_format="%.6g"))
@@ -184,12 +181,11 @@ def lanes_of_site(ground: Ground, site: str) -> tuple[GroundLane | None, list[Gr
         if lane.site == site and lane.part == "test" and lane.stored is None:
             simulated.append(lane)
     bare = next((lane for lane in simulated if lane.empty), None)
-    if bare is None:
-        return None, []
     with_targets = []
     for lane in simulated:
-        is_like = lane.sensor == bare.sensor and lane.scene.surface == bare.scene.surface
-        if is_like and not lane.empty:
+        if bare is None or lane.empty or lane.sensor != bare.sensor:
+            continue
+        if lane.scene.surface == bare.scene.surface:
             with_targets.append(lane)
     return bare, with_targets
 
@@ -209,8 +205,7 @@ def _look_at_site(
     ground = load_ground(*description)
     bare, *tested = (ground.lanes[name] for name in names)
     targets = pd.DataFrame(truth)
-    bare_setup = cleaned_lane(folder, bare, recipe)
-    clutter = BareGround(bare_setup, bare.lane)
+    clutter = BareGround(cleaned_lane(folder, bare, recipe), bare.lane)
     rows = []
     for lane in tested:
         mines = targets[targets["lane"] == lane.name]
@@ -227,8 +222,7 @@ def _look_at_site(
             }
             if "body" in target:
                 row["body"] = target["body"]
-            ahead = looks.ahead[at_mine]
-            row |= clutter.rates(ahead, looks.chip[at_mine], echoes[at_mine])
+            row |= clutter.rates(looks.ahead[at_mine], looks.chip[at_mine], echoes[at_mine])
             rows.append(row)
     return {"lane": site, "found": rows}
 
@@ -244,33 +238,49 @@ class BareGround:
         The lane with its background.
     lane : Lane
         Its borders.
+    kinds : tuple of str
+        What is known of the clutter: "full", its covariance, or "diagonal", the power of every
+        value alone.
     """
 
-    def __init__(self, setup: ImagedRun, lane: Lane) -> None:
+    def __init__(self, setup: ImagedRun, lane: Lane, kinds: tuple[str, ...] = ("full",)) -> None:
         self.grid = Grid.spanning((lane.x_min, lane.x_max), (lane.y_min, lane.y_max), STEP)
-        self.looks = looks_at(setup, self.grid.points().reshape(-1, 3))
         self.area = lane.area
+        looks = looks_at(setup, self.grid.points().reshape(-1, 3))
+        self.place = looks.place
+        self.ahead = looks.ahead
         # Clutter weakens and resolution falls with distance: a covariance for every metre.
-        metre = self.looks.ahead.astype(int)
-        self._inverse = {}
-        for number in np.unique(metre).tolist():
-            is_at_metre = metre == number
-            chips = self.looks.chip[is_at_metre]
-            inverse = inverse_covariance(chips)
-            self._inverse[number] = inverse
-            self.looks.chip[is_at_metre] = divided_by_rms(chips, inverse)
+        metre = looks.ahead.astype(int)
+        self.inverses: dict[str, dict[int, Complex128Array]] = {kind: {} for kind in kinds}
+        self.chips = {kind: looks.chip.copy() for kind in kinds}
+        for number, kind in itertools.product(np.unique(metre).tolist(), kinds):
+            at_metre = metre == number
+            chips = looks.chip[at_metre]
+            if kind == "full":
+                inverse = inverse_covariance(chips)
+            else:
+                inverse = np.diag(1 / (np.abs(chips) ** 2).mean(axis=0, dtype=float)) + 0j
+            self.inverses[kind][number] = inverse
+            self.chips[kind][at_metre] = divided_by_rms(chips, inverse)
 
-    def inverse(self, ahead: float) -> Complex128Array:
+    def inverse(self, ahead: float, kind: str = "full") -> Complex128Array:
         """Return the inverse covariance (value, value) at a distance (m).
 
         At a distance that was not seen it is that of the nearest one.
         """
+        inverses = self.inverses[kind]
+        return inverses[min(inverses, key=lambda metre: abs(metre + 0.5 - ahead))]  # its middle
 
-        def distance_to(metre: int) -> float:
-            return abs(metre + 0.5 - ahead)  # of a metre's middle
+    def nearest(self, ahead: float) -> tuple[IntArray, IntArray]:
+        """Return the places that are seen, and the number of each one's look nearest to a distance."""
+        order = np.lexsort((-np.abs(self.ahead - ahead), self.place))
+        last = np.r_[self.place[order][1:] != self.place[order][:-1], True]
+        return self.place[order][last], order[last]
 
-        nearest = min(self._inverse, key=distance_to)
-        return self._inverse[nearest]
+    def rate(self, statistic: FloatArray, level: float) -> float:
+        """Return the false alarms per m², local maxima of a statistic (place,) that reach a level."""
+        over_ground = statistic.reshape(self.grid.ny, self.grid.nx)
+        return count_maxima(over_ground, level) / self.area
 
     def rates(self, ahead: FloatArray, chip: ComplexArray, echo: ComplexArray) -> dict[str, float]:
         """Compute the false alarms per m² that reach a mine's statistics.
@@ -304,32 +314,16 @@ class BareGround:
 
         columns = []
         for y, look_filter in zip(ahead, filter_array, strict=True):
-            columns.append(self._nearest(y) @ look_filter.conj())
+            seen, number = self.nearest(y)
+            chips = np.zeros((self.grid.nx * self.grid.ny, chip.shape[1]), np.complex64)
+            chips[seen] = self.chips["full"][number]
+            columns.append(chips @ look_filter.conj())
         maps = log_likelihoods(np.stack(columns, axis=1))
-        counts = []
-        for level, statistic in zip(levels, maps, strict=True):
-            over_ground = statistic.reshape(self.grid.ny, self.grid.nx)
-            counts.append(count_maxima(over_ground, float(level[0])))
-        without_phase, with_phase = counts
-        return {
-            "far": without_phase / self.area,
-            "far_phase": with_phase / self.area,
-            "area": self.area,
-        }
-
-    def _nearest(self, ahead: float) -> ComplexArray:
-        """Return the chips (place, value) of every place's look that is nearest to a distance.
-
-        They are zero for places never seen.
-        """
-        # Of the looks at one place the nearest comes last, and so is the one that stays.
-        distance = np.abs(self.looks.ahead - ahead)
-        order = np.lexsort((-distance, self.looks.place))
-        places = self.grid.nx * self.grid.ny
-        values = self.looks.chip.shape[1]
-        chips = np.zeros((places, values), np.complex64)
-        chips[self.looks.place[order]] = self.looks.chip[order]
-        return chips
+        far, far_phase = (
+            self.rate(statistic, float(level[0]))
+            for level, statistic in zip(levels, maps, strict=True)
+        )
+        return {"far": far, "far_phase": far_phase, "area": self.area}
 
 
 def inverse_covariance(chip: ComplexArray) -> Complex128Array:
@@ -350,7 +344,7 @@ def inverse_covariance(chip: ComplexArray) -> Complex128Array:
     covariance = chip.T.astype(np.complex128) @ chip.conj() / len(chip)
     size = len(covariance)
     load = _LOAD * np.trace(covariance).real / size
-    return np.asarray(np.linalg.inv(covariance + load * np.eye(size)))
+    return np.linalg.inv(covariance + load * np.eye(size))
 
 
 def divided_by_rms(chip: ComplexArray, inverse: Complex128Array) -> ComplexArray:
@@ -369,8 +363,7 @@ def divided_by_rms(chip: ComplexArray, inverse: Complex128Array) -> ComplexArray
         The divided looks.
     """
     whitened = np.einsum("kc,cd,kd->k", chip.conj(), inverse, chip, optimize=True)
-    power = whitened.real / len(inverse)
-    rms = np.sqrt(np.maximum(power, 1e-12))
+    rms = np.sqrt(np.maximum(whitened.real / len(inverse), 1e-12))
     return np.asarray(chip / rms[:, None], dtype=np.complex64)
 
 
@@ -391,8 +384,12 @@ def cleaned_lane(folder: str, lane: GroundLane, recipe: str) -> ImagedRun:
     ImagedRun
         The lane, whose images are cleaned when they are asked for.
     """
-    run = open_run(Path(folder) / "lanes" / f"{lane.name}.zarr")
-    setup = ImagedRun(run, load_recipe(recipe), lane.lane, explains=False)
+    return cleaned_run(open_run(Path(folder) / "lanes" / f"{lane.name}.zarr"), lane.lane, recipe)
+
+
+def cleaned_run(run: xr.Dataset, lane: Lane, recipe: str) -> ImagedRun:
+    """Return a run over a lane with its background, as :func:`cleaned_lane` does."""
+    setup = ImagedRun(run, load_recipe(recipe), lane, explains=False)
     engine_of(setup).run(names=("signature", "gain"))
     return setup
 
@@ -412,13 +409,18 @@ def looks_at(setup: ImagedRun, points: FloatArray) -> Looks:
     Looks
         Scan after scan.
     """
-    looks = []
+    return join_looks([looks for _, _, looks in _looks_of_scans(setup, points)])
+
+
+def _looks_of_scans(
+    setup: ImagedRun, points: FloatArray
+) -> Iterator[tuple[int, FloatArray, Looks]]:
+    """Yield the scans: index, x and y of the places in sight in the scan frame, and their looks."""
     for index in range(len(setup)):
         image = setup.coherent(index)
         numbers, places = places_in_sight(setup, points, image.attrs["pose"])
         chips = chips_at(image.values, setup.near, places)
-        looks.append(Looks(numbers, places[:, 1], chips))
-    return join_looks(looks)
+        yield index, places, Looks(numbers, places[:, 1], chips)
 
 
 def looks_at_mines(
@@ -443,29 +445,22 @@ def looks_at_mines(
         What the bodies add to each look.
     """
     simulator = Simulator(lane.scene, lane.sensor, lane.seed)
-    points = ground_points(mines)
+    scans = setup.near_imager.scans.tolist()
     looks = []
     echoes = []
-    for index, scan in enumerate(setup.near_imager.scans.tolist()):
-        image = setup.coherent(index)
-        numbers, places = places_in_sight(setup, points, image.attrs["pose"])
-        if not len(numbers):
-            continue
-        echo = setup.near_imager.image(scan, simulator.bodies(scan)).values
-        echo = echo / (setup.gains[index][..., None, None] * setup.background.gain)
-        chips = chips_at(image.values, setup.near, places)
-        looks.append(Looks(numbers, places[:, 1], chips))
-        echoes.append(chips_at(echo.astype(np.complex64), setup.near, places))
+    for index, places, of_scan in _looks_of_scans(setup, ground_points(mines)):
+        looks.append(of_scan)
+        if len(places):
+            echo = setup.near_imager.image(scans[index], simulator.bodies(scans[index])).values
+            echo = echo / (setup.gains[index][..., None, None] * setup.background.gain)
+            echoes.append(chips_at(echo.astype(np.complex64), setup.near, places))
     return join_looks(looks), np.concatenate(echoes)
 
 
 def join_looks(looks: Sequence[Looks]) -> Looks:
     """Join the looks of scans."""
-    return Looks(
-        place=np.concatenate([of_scan.place for of_scan in looks]),
-        ahead=np.concatenate([of_scan.ahead for of_scan in looks]),
-        chip=np.concatenate([of_scan.chip for of_scan in looks]),
-    )
+    columns = zip(*((look.place, look.ahead, look.chip) for look in looks), strict=True)
+    return Looks(*map(np.concatenate, columns))
 
 
 def places_in_sight(
@@ -495,8 +490,9 @@ def places_in_sight(
     x_min, x_max, y_min, y_end = setup.near.extent()
     edge = 2 * STEP
     y_max = min(setup.recipe.run_view.y_max, y_end - edge)
-    inside_x = (places[:, 0] > x_min + edge) & (places[:, 0] < x_max - edge)
-    inside_y = (places[:, 1] > y_min + edge) & (places[:, 1] <= y_max)
+    x, y = places.T
+    inside_x = (x > x_min + edge) & (x < x_max - edge)
+    inside_y = (y > y_min + edge) & (y <= y_max)
     numbers = np.flatnonzero(inside_x & inside_y)
     return numbers, places[numbers]
 
@@ -570,6 +566,5 @@ def count_maxima(values: FloatArray, level: float) -> int:
     reach = round(RADIUS / STEP)
     v, u = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     disc = (u**2 + v**2) * STEP**2 <= RADIUS**2
-    largest_about = maximum_filter(values, footprint=disc, mode="nearest")
-    is_maximum = values == largest_about
+    is_maximum = values == maximum_filter(values, footprint=disc, mode="nearest")
     return int(np.count_nonzero(is_maximum & (values >= level)))

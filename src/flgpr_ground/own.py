@@ -5,12 +5,13 @@ Nothing but what the user names is imported. Models, results and submissions hol
 
 from __future__ import annotations
 
+import fnmatch
+import inspect
 import re
 import sys
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from fnmatch import fnmatchcase
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -49,19 +50,21 @@ class OwnDetector:
 
     @property
     def name(self) -> str:
-        """The name of the class as that of an entry: ``MyEstimator`` is ``my-estimator``."""
-        borders = r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|_+"
-        return re.sub(borders, "-", self.path.partition(":")[2]).strip("-").lower()
+        """The name of the class as that of an entry."""
+        return own_name(self.path)
 
     def columns(self, known: Sequence[str]) -> list[str]:
         """Return those of the known columns that it reads; a pattern of none is a ValueError."""
+        chosen: set[str] = set()
         for pattern in self.features:
-            if not any(fnmatchcase(name, pattern) for name in known):
+            matching = fnmatch.filter(known, pattern)
+            if not matching:
                 raise ValueError(
                     f"features of {self.path} must be columns of the feature table, "
                     f"{', '.join(known)}, got {pattern!r}"
                 )
-        return [name for name in known if any(fnmatchcase(name, p) for p in self.features)]
+            chosen.update(matching)
+        return [name for name in known if name in chosen]
 
     def fitted(self, *examples: Any) -> Any:
         """Return one that has learnt: from features and labels of alarms, or from lanes."""
@@ -83,6 +86,7 @@ class OwnDetector:
             raise ValueError(
                 f"{method} of {self.path} must give a finite number for each of {len(rows)} alarms, "
                 f"got an array of shape {values.shape} or values that are not finite"
+                f"{_line_of(detector, method)}"
             )
         return values.astype(float)
 
@@ -92,12 +96,13 @@ class OwnDetector:
         if not isinstance(found, pd.DataFrame):
             raise ValueError(
                 f"detect of {self.path} must return a DataFrame with the columns x, y (m) and "
-                f"confidence, got {type(found).__name__}"
+                f"confidence, got {type(found).__name__}{_line_of(detector, 'detect')}"
             )
         try:
             return check_alarms(found)[["x", "y", "confidence"]]
         except ValueError as error:
-            raise ValueError(f"detect of {self.path}: {error}") from None
+            line = _line_of(detector, "detect")
+            raise ValueError(f"detect of {self.path}: {error}{line}") from None
 
     def _call(self, detector: Any, method: str, *given: Any) -> Any:
         """Call a method; whatever it raises is told with the line in which that happened."""
@@ -111,6 +116,12 @@ class OwnDetector:
 def is_own(what: str | Path) -> bool:
     """Return whether a text names a class of a module, and no file."""
     return ":" in str(what) and not Path(what).exists()
+
+
+def own_name(path: str) -> str:
+    """Return the name of "module:MyEstimator" as that of an entry, ``my-estimator``."""
+    borders = r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|_+"
+    return re.sub(borders, "-", path.partition(":")[2]).strip("-").lower()
 
 
 def load_own(path: str) -> OwnDetector:
@@ -141,9 +152,13 @@ def load_own(path: str) -> OwnDetector:
     module = _import(module_name)
     make = getattr(module, attribute, None)
     if make is None:
+        members = vars(module).values()
+        classes = [
+            of.__name__ for of in members if isinstance(of, type) and of.__module__ == module_name
+        ]
         raise ValueError(
             f"module {module_name} ({module.__file__}) must have {attribute}, got one with "
-            f"{', '.join(_classes_of(module)) or 'no class'}"
+            f"{', '.join(classes) or 'no class'}"
         )
     if not callable(make):
         raise ValueError(
@@ -156,15 +171,14 @@ def load_own(path: str) -> OwnDetector:
         fault = _told(error, module_name)
         raise ValueError(f"{path} must be made without arguments, got {fault}") from error
     takes_lanes = hasattr(detector, "detect")
-    scores = takes_lanes or any(
-        hasattr(detector, name) for name in ("decision_function", "predict_proba")
-    )
+    scoring = ("decision_function", "predict_proba", "detect")
     missing = [] if hasattr(detector, "fit") else ["fit"]
-    missing += [] if scores else ["decision_function, predict_proba or detect"]
+    if not any(hasattr(detector, name) for name in scoring):
+        missing.append("decision_function, predict_proba or detect")
     if missing:
         raise ValueError(
             f"{path} must have fit, and decision_function, predict_proba or detect, got a "
-            f"{type(detector).__name__} without {' and without '.join(missing)}"
+            f"{type(detector).__name__} without {' and without '.join(missing)}{_line_of(make)}"
         )
     author = getattr(module, "__author__", "")
     features = getattr(detector, "features", FEATURES)
@@ -205,32 +219,33 @@ def _told(error: Exception, module: str) -> str:
     top = sys.modules.get(module.partition(".")[0])
     home = Path(getattr(top, "__file__", None) or Path.cwd() / "_").parent
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
-        if Path(frame.filename).is_relative_to(home):
-            return f"{text} ({Path(frame.filename).name}, line {frame.lineno})"
+        file = Path(frame.filename)
+        # What is installed beside the user's sources, as in a folder .venv, is not theirs.
+        if file.is_relative_to(home) and "site-packages" not in file.relative_to(home).parts:
+            return f"{text} ({file.name}, line {frame.lineno})"
     return text
 
 
-def _classes_of(module: ModuleType) -> list[str]:
-    """Return the names of the classes that a module defines."""
-    names = []
-    for name, value in vars(module).items():
-        if isinstance(value, type) and value.__module__ == module.__name__:
-            names.append(name)
-    return names
+def _line_of(made: Any, method: str = "") -> str:
+    """Return file and line of a class, or of a method of its instance, in brackets; "" if unknown."""
+    try:
+        source = getattr(made, method) if method else made
+        file, line = inspect.getsourcefile(source), inspect.getsourcelines(source)[1]
+    except (OSError, TypeError):  # not written in Python, or in no file
+        return ""
+    return f" ({Path(file or '').name}, line {line})"
 
 
 def _digest_of(module: ModuleType) -> str:
     """Return a digest of the sources of a module, and of those beside it that are imported."""
     top = sys.modules[module.__name__.partition(".")[0]]
     home = Path(top.__file__ or module.__file__ or "").parent
-    files = set()
-    for loaded in [module, top, *sys.modules.values()]:
-        file = Path(getattr(loaded, "__file__", None) or "")
-        is_beside = (
-            file.is_relative_to(home) and "site-packages" not in file.relative_to(home).parts
-        )
-        # Beside a single module of a folder of installed packages stand those of others.
-        if loaded in (module, top) or (is_beside and home.name != "site-packages"):
-            files.add(file)
+    files = {Path(source.__file__ or "") for source in (module, top)}
+    # Beside a single module of a folder of installed packages stand those of others.
+    if home.name != "site-packages":
+        for loaded in list(sys.modules.values()):
+            file = Path(getattr(loaded, "__file__", None) or "")
+            if file.is_relative_to(home) and "site-packages" not in file.relative_to(home).parts:
+                files.add(file)
     sources = sorted(file for file in files if file.suffix == ".py" and file.is_file())
     return sha256(b"\0".join(file.read_bytes() for file in sources))

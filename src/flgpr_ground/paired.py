@@ -32,8 +32,8 @@ from flgpr.types import BoolArray, FloatArray
 from flgpr_ground.citing import bibtex, latex_table
 from flgpr_ground.entering import SHOWN
 from flgpr_ground.entries import packaged_entries
-from flgpr_ground.figures import opening_split
-from flgpr_ground.ground import Ground
+from flgpr_ground.figures import kind_label
+from flgpr_ground.ground import Ground, opening_split
 from flgpr_ground.lane_data import lane_data
 from flgpr_ground.running import ALARMS, SEALED, entry_folder, passphrase, read_ground
 from flgpr_ground.table import chosen_mines, paired_sentence, score_entries, write_page
@@ -141,22 +141,21 @@ def compare_entries(
     scores, _ = score_entries([home])
     truth, *_ = open_truth(home / "lanes" / SEALED, passphrase(ground))
     write_whole(home / "lanes" / SHOWN, json.dumps({"targets_of_test_lanes": "shown"}) + "\n")
-    pairs = [_pair(home, of, names, truth) for of in tiers]
     target = Path(output) if output else home / "compared" / "-".join(names)
     target.mkdir(parents=True, exist_ok=True)
     answers = []
     parts = []
     tables = []
-    for pair in pairs:
-        (at_far,) = pair.differences([ground.table.far])
-        answers.append(_answer(pair, at_far))
+    for of in tiers:
+        pair = _pair(home, of, names, truth)
+        answers.append(_answer(pair))
         figure = pair.figure()
-        suffix = f"-{pair.tier.tier}" if pair.tier.tier else ""
+        suffix = f"-{of.tier}" if of.tier else ""
         write_whole(target / f"roc{suffix}.pdf", figure_bytes(figure, "pdf"))
         write_whole(target / f"roc{suffix}.png", figure_png(figure, 200))
-        parts.append((pair.tier, answers[-1], figure, _kind_rows(pair), _cards(home, pair, truth)))
+        parts.append((of, answers[-1], figure, _kind_rows(pair), _cards(home, pair, truth)))
         told = pair.targets.replace([np.inf, -np.inf], np.nan)  # empty: it has no alarm there
-        tables.append(told.assign(tier=pair.tier.tier) if pair.tier.tier else told)
+        tables.append(told.assign(tier=of.tier) if of.tier else told)
     write_whole(target / "targets.csv", pd.concat(tables).to_csv(index=False, float_format="%.6g"))
     write_whole(target / "table.tex", latex_table(ground, scores, opening_split(ground)))
     write_whole(target / "cite.bib", bibtex(ground))
@@ -198,18 +197,16 @@ def _pair(home: Path, tier: Ground, names: tuple[str, str], truth: pd.DataFrame)
     return Pair(tier, names, (matches[0], matches[1]), mines, targets)
 
 
-def _answer(pair: Pair, at_far: Mapping[Any, Any]) -> str:
+def _answer(pair: Pair) -> str:
     """Return what one entry misses and finds beside the other, with the difference of their Pd."""
     where = f"{pair.tier.tier_title}: " if pair.tier.tier else ""
-    found = {
-        "only": at_far["only_first"],
-        "reference_only": at_far["only_second"],
-        "p": at_far["p"],
-    }
+    far = pair.tier.table.far
+    (at_far,) = pair.differences([far])
+    found = at_far | {"only": at_far["only_first"], "reference_only": at_far["only_second"]}
     return (
-        f"{where}{paired_sentence(found, *pair.names)} Of {len(pair.targets)} mines, at "
-        f"{pair.tier.table.far:g} false alarms per m², the difference of Pd is "
-        f"{at_far['difference']:+.2f} ({at_far['low']:+.2f} to {at_far['high']:+.2f})."
+        f"{where}{paired_sentence(found, *pair.names)} Of {len(pair.targets)} mines, at {far:g} false "
+        f"alarms per m², the difference of Pd is {at_far['difference']:+.2f} "
+        f"({at_far['low']:+.2f} to {at_far['high']:+.2f})."
     )
 
 
@@ -219,28 +216,22 @@ def _kind_rows(pair: Pair) -> list[list[Any]]:
     rows = []
     kinds = pair.targets["kind"].to_numpy()
     for kind in ["mines", *dict.fromkeys(kinds)]:
-        of_kind = np.ones(len(kinds), dtype=bool) if kind == "mines" else kinds == kind
+        of_kind = (kinds == kind) | (kind == "mines")
         counts = [of_kind, first, second, first & second, first & ~second, second & ~first]
-        rows.append(
-            ["AP" if kind == "ap" else kind, *(int((of_kind & count).sum()) for count in counts)]
-        )
+        rows.append([kind_label(kind), *(int((of_kind & count).sum()) for count in counts)])
     return rows
 
 
 def _cards(home: Path, pair: Pair, truth: pd.DataFrame) -> list[tuple[str, list[dict[Any, Any]]]]:
     """Return the targets of every outcome with their chips, those that one alone finds first."""
-    places = truth.set_index("target_id")[["x", "y"]]
-    chips = dict(_chips(home, pair, places))
-    outcomes = list(zip(pair.found(1).tolist(), pair.found(2).tolist(), strict=True))
-    groups = []
-    for outcome, title in _OUTCOMES.items():
-        cards = []
-        for row, of_row in zip(pair.targets.to_dict("records"), outcomes, strict=True):
-            if of_row == outcome:
-                told = [_told(row, number) for number in (1, 2)]
-                cards.append({**row, "told": told, "chips": chips[row["target_id"]]})
-        groups.append((title.format(*pair.names), cards))
-    return groups
+    chips = dict(_chips(home, pair, truth.set_index("target_id")[["x", "y"]]))
+    cards: dict[tuple[bool, bool], list[dict[Any, Any]]] = {outcome: [] for outcome in _OUTCOMES}
+    far = pair.tier.table.far
+    for row in pair.targets.to_dict("records"):
+        told = [_told(row, number) for number in (1, 2)]
+        outcome = row["far_1"] <= far, row["far_2"] <= far
+        cards[outcome].append({**row, "told": told, "chips": chips[row["target_id"]]})
+    return [(_OUTCOMES[outcome].format(*pair.names), cards[outcome]) for outcome in _OUTCOMES]
 
 
 def _told(row: Mapping[Any, Any], number: int) -> str:
@@ -255,22 +246,19 @@ def _chips(
 ) -> Iterator[tuple[str, list[tuple[str, bytes]]]]:
     """Yield the chips (name and PNG) of every target: the reference's image in its sub-band."""
     packaged = packaged_entries(pair.tier).get(pair.tier.table.reference)
-    recipe = _recipe_text(home, pair) if packaged is None else packaged.text
+    if packaged is None:  # the recipe of the second entry, as it ran
+        other = Folder(entry_folder(home, pair.names[1], pair.tier))
+        recipe = other.read("recipe.toml").decode()
+    else:
+        recipe = packaged.text
     for name, targets in pair.targets.groupby("lane"):
         data = lane_data(pair.tier.lanes[str(name)], home / "lanes", recipe)
         view = data.image.sel(subband=parse_recipe(recipe).prescreen.subband)
         for target in targets["target_id"]:
             x, y = places.loc[target]
-            shown = []
-            for label in view["polarization"].values:
-                of_label = view.sel(polarization=label)
-                shown.append((str(label), _chip(of_label, float(x), float(y))))
-            yield str(target), shown
-
-
-def _recipe_text(home: Path, pair: Pair) -> str:
-    """Return the recipe of the second entry, as it ran."""
-    return Folder(entry_folder(home, pair.names[1], pair.tier)).read("recipe.toml").decode()
+            labels = view["polarization"].values
+            cut = [(str(label), _chip(view.sel(polarization=label), x, y)) for label in labels]
+            yield str(target), cut
 
 
 def _chip(view: xr.DataArray, x: float, y: float) -> bytes:

@@ -21,17 +21,17 @@ import numpy as np
 import pandas as pd
 
 from flgpr.door import Folder, refuse_links
-from flgpr.jobs.job import code_versions, make_job
+from flgpr.jobs.job import LaneJob, code_versions, make_job
 from flgpr.jobs.survey import detect_survey
 from flgpr.jobs.training import train_on_lanes
 from flgpr.jobs.workers import DEFAULTS, Report, RunOptions
 from flgpr.method.classifier import feature_values, make_training_set
-from flgpr.recipe.schema import parse_recipe, recipe_text
+from flgpr.recipe.schema import parse_recipe
 from flgpr.stages.too_few import check_classes
 from flgpr.store import open_run, read_manifest, sha256, write_table, write_whole
 from flgpr.store.outputs import log_finished
 from flgpr.store.run_writer import is_finished
-from flgpr.store.tables import parse_columns, read_table_in
+from flgpr.store.tables import lane_file_of, parse_columns, read_table_in
 from flgpr_ground.card import CARD
 from flgpr_ground.entries import ORACLES, Entry, find_entry, packaged_entries
 from flgpr_ground.ground import Ground, GroundLane, in_tier, load_ground
@@ -96,34 +96,24 @@ def make_lanes(
         The tiers whose lanes are made; by default all.
     """
     seal_tested(ground, folder)
-    chosen = ground.chosen_tiers() if tiers is None else tiers
     missing = []
-    for tier in chosen:
-        missing += [name for name in tier.lanes if not _is_made(folder, name)]
+    for tier in tiers or ground.chosen_tiers():
+        missing += [name for name in tier.lanes if not is_finished(folder / f"{name}.zarr")]
     with options.executor() as executor:
         jobs = [(ground.quick, ground.text, name, str(folder.resolve())) for name in missing]
         for _ in options.track(executor.run(make_lane, jobs), "simulating lanes", len(jobs)):
             pass
-    _write_fingerprints(ground, folder)
 
-
-def _write_fingerprints(ground: Ground, folder: Path) -> None:
-    """Write the fingerprints of all lanes that are there; known ones are not taken anew."""
     present = Folder(folder).read_if_listed(PRINTS)
-    known: dict[Any, Any] = {}
+    known: dict[Any, Any] = {}  # prints that were taken are not taken anew
     if present is not None:
         known = parse_columns(present).set_index("sha256", drop=False).to_dict("index")
     rows = []
     for name in ground.lanes:
-        if _is_made(folder, name):
-            digest = read_manifest(folder / f"{name}.zarr")["sha256"]
-            rows.append(known.get(digest) or fingerprint(folder, name))
+        store = folder / f"{name}.zarr"
+        if is_finished(store):
+            rows.append(known.get(read_manifest(store)["sha256"]) or fingerprint(folder, name))
     write_whole(folder / PRINTS, pd.DataFrame(rows).to_csv(index=False, float_format="%.7g"))
-
-
-def _is_made(folder: Path, name: str) -> bool:
-    """Return whether a lane is there, and its writer was not killed before it tidied up."""
-    return is_finished(folder / f"{name}.zarr")
 
 
 def seal_tested(ground: Ground, folder: Path) -> None:
@@ -131,16 +121,17 @@ def seal_tested(ground: Ground, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     if (folder / SEALED).is_file():
         return
-    tested = [lane for lane in ground.lanes.values() if lane.part == "test"]
-    tables = [_truth(lane, with_bodies=bool(ground.table.tiers)) for lane in tested]
-    borders = {lane.name: lane.lane for lane in tested}
-    seal_truth(
-        pd.concat(tables, ignore_index=True),
-        borders,
-        folder / SEALED,
-        passphrase(ground),
-        halo=ground.table.halo,
-    )
+    tables = []
+    borders = {}
+    for lane in ground.lanes.values():
+        if lane.part == "test":
+            truth = lane.truth_with_bodies() if ground.table.tiers else lane.truth()
+            # Named so that those of all lanes are different.
+            names = lane.name + "-" + truth["target_id"]
+            tables.append(truth.assign(lane=lane.name, target_id=names))
+            borders[lane.name] = lane.lane
+    truth = pd.concat(tables, ignore_index=True)
+    seal_truth(truth, borders, folder / SEALED, passphrase(ground), halo=ground.table.halo)
 
 
 def make_lane(quick: bool, ground: str, name: str, folder: str) -> Report:
@@ -169,12 +160,6 @@ def make_lane(quick: bool, ground: str, name: str, folder: str) -> Report:
     return {"lane": name}
 
 
-def _truth(lane: GroundLane, with_bodies: bool) -> pd.DataFrame:
-    """Return the targets of a lane, named so that those of all lanes are different."""
-    truth = lane.truth_with_bodies() if with_bodies else lane.truth()
-    return truth.assign(lane=lane.name, target_id=lane.name + "-" + truth["target_id"])
-
-
 def fingerprint(folder: Path, name: str) -> dict[str, Any]:
     """Return a lane's digest, and the rms of its echoes by polarization.
 
@@ -199,9 +184,7 @@ def read_costs(folder: Path) -> Costs:
 
 def measured_cost(ground: Ground, name: str, entry: Path) -> dict[str, Any]:
     """Return what an entry cost where it was run."""
-    metres = 0.0
-    lane_seconds = 0.0
-    training_seconds = 0.0
+    metres = lane_seconds = training_seconds = 0.0
     peaks = []
     for work, cost in read_costs(entry).items():
         if work in ground.lanes and cost:
@@ -210,10 +193,9 @@ def measured_cost(ground: Ground, name: str, entry: Path) -> dict[str, Any]:
             peaks.append(cost.get("peak_bytes", math.nan))
         if work.startswith("training"):
             training_seconds += cost["processor_seconds"]
-    kilometres = metres / 1000
     return {
         "entry": name,
-        "seconds_per_km": lane_seconds / kilometres if kilometres else math.nan,
+        "seconds_per_km": lane_seconds / (metres / 1000) if metres else math.nan,
         "training_seconds": training_seconds,
         "peak_bytes": max(peaks, default=math.nan),
     }
@@ -240,14 +222,12 @@ class _EntryRun:
         self, ground: Ground, entry: Entry, lanes: Path, folder: Path, options: RunOptions
     ) -> None:
         self.ground = ground
+        self.entry = entry
         self.lanes = lanes
         self.folder = folder
         self.options = options
-        self.recipe = parse_recipe(entry.text, entry.name)
-        self.own = entry.own
         self.fitted: dict[tuple[str, ...], Any] = {}  # classes of one's own, by training lanes
-        self.file = folder / "recipe.toml"
-        write_whole(self.file, entry.text)
+        write_whole(folder / "recipe.toml", entry.text)
         self.costs = read_costs(folder)
 
     def run(self) -> None:
@@ -260,52 +240,69 @@ class _EntryRun:
                 if not (self.folder / name).is_file():
                     trained_on = self.ground.matching(fold.train, fold.without)
                     tested = self.ground.matching(fold.test)
-                    write_table(self._alarms(trained_on, tested), self.folder / name)
+                    found = zip(tested, self._alarms(trained_on, tested), strict=True)
+                    alarms = pd.concat([table.assign(lane=lane.name) for lane, table in found])
+                    write_table(alarms, self.folder / name)
                 tables.append(read_table_in(self.folder, name, "alarms"))
             write_table(pd.concat(tables, ignore_index=True), self.folder / split / ALARMS)
             write_whole(self.folder / COSTS, json.dumps(self.costs, indent=1) + "\n")
 
     def _alarms(
         self, trained_on: Sequence[GroundLane], tested: Sequence[GroundLane]
-    ) -> pd.DataFrame:
-        """Train on lanes, detect on others, and return the alarms of these with their lane."""
-        if self.own is not None:
-            tables = self._own_alarms(self.own, trained_on, tested)
-        else:
-            model = None
-            if self.recipe.learning() or self.recipe.detector is not None:
-                model = self._trained(trained_on)
-            tables = [alarms for alarms, _ in self._detected(tested, model)]
-        named = zip(tested, tables, strict=True)
-        return pd.concat([table.assign(lane=lane.name) for lane, table in named], ignore_index=True)
+    ) -> list[pd.DataFrame]:
+        """Train on lanes, and return the alarms in each of others."""
+        if self.entry.own is not None:
+            return self._own_alarms(self.entry.own, trained_on, tested)
+        recipe = parse_recipe(self.entry.text, self.entry.name)
+        learns = recipe.learning() or recipe.detector is not None
+        detected = self._detected(tested, self._trained(trained_on) if learns else None)
+        return [alarms for alarms, _ in detected]
 
     def _own_alarms(
         self, own: OwnDetector, trained_on: Sequence[GroundLane], tested: Sequence[GroundLane]
     ) -> list[pd.DataFrame]:
-        """Return the alarms of a class of one's own in each lane; it sees truth in ``fit`` alone."""
+        """Return the alarms of a class of one's own in each lane; it sees truth in ``fit`` alone.
+
+        Every lane is tried, so that a fault is told with all lanes that have it.
+        """
         names = tuple(lane.name for lane in trained_on)
         if names not in self.fitted:
-            lanes = f"{own.name}: fit on {len(names)} lanes"
             examples = self._own_examples(own, trained_on)
-            for _ in self.options.track([own], lanes, 1):
+            for _ in self.options.track([own], f"{own.name}: fit on {len(names)} lanes", 1):
                 work = f"training {_short_digest(names)}"
                 self.fitted[names] = self._timed(work, own.fitted, *examples)
-        detector = self.fitted[names]
         features = [None] * len(tested) if own.takes_lanes else self._features(tested)
         given = zip(tested, features, strict=True)
         tables = []
+        faults: dict[str, list[str]] = {}
         for lane, table in self.options.track(given, f"{own.name}: detect", len(tested)):
-            if table is None:
-                self.costs.pop(lane.name, None)  # of an earlier fold
-                tables.append(self._timed(lane.name, own.detect, detector, self._lane_data(lane)))
-                continue
-            alarms, rows = table
-            columns = own.columns(list(rows.columns))
-            complete = feature_values(rows, columns)[1]
-            chosen = rows.loc[complete, columns]
-            scores = self._timed(lane.name, own.scores, detector, chosen)
-            tables.append(alarms.loc[complete, ["x", "y"]].assign(confidence=scores))
+            try:
+                tables.append(self._own_alarms_of(lane, table, own, self.fitted[names]))
+            except ValueError as error:
+                faults.setdefault(str(error), []).append(lane.name)
+        if faults:
+            told = []
+            for fault, lanes in faults.items():
+                told.append(f"{fault} on {len(lanes)} of {len(tested)} lanes: {', '.join(lanes)}")
+            raise ValueError("; ".join(told))
         return tables
+
+    def _own_alarms_of(
+        self,
+        lane: GroundLane,
+        table: tuple[pd.DataFrame, ...] | None,
+        own: OwnDetector,
+        fitted: Any,
+    ) -> pd.DataFrame:
+        """Return the alarms of a class in a lane, whose recipe's alarms and features are given."""
+        if table is None:
+            self.costs.pop(lane.name, None)  # of an earlier fold
+            return self._timed(lane.name, own.detect, fitted, self._lane_data(lane))
+        alarms, rows = table
+        columns = own.columns(list(rows.columns))
+        complete = feature_values(rows, columns)[1]
+        scores = self._timed(lane.name, own.scores, fitted, rows.loc[complete, columns])
+        return alarms.loc[complete, ["x", "y"]].assign(confidence=scores)
 
     def _own_examples(self, own: OwnDetector, lanes: Sequence[GroundLane]) -> tuple[Any, ...]:
         """Return what a class of one's own learns from: lanes, or features and labels of alarms."""
@@ -323,10 +320,10 @@ class _EntryRun:
     def _features(self, lanes: Sequence[GroundLane]) -> list[tuple[pd.DataFrame, pd.DataFrame]]:
         """Return the alarms of lanes and their features, which all folds share."""
         folder = self.folder / "features"
+        folder.mkdir(exist_ok=True)
         missing = [lane for lane in lanes if not (folder / f"{lane.name}.csv").is_file()]
         detected = self._detected(missing) if missing else []
         for lane, (alarms, features) in zip(missing, detected, strict=True):
-            folder.mkdir(exist_ok=True)
             write_table(alarms, folder / f"{lane.name}-alarms.csv")
             write_table(features, folder / f"{lane.name}.csv")
         tables = []
@@ -337,7 +334,7 @@ class _EntryRun:
 
     def _lane_data(self, lane: GroundLane) -> LaneData:
         """Return a lane as a class of one's own sees it."""
-        return lane_data(lane, self.lanes, recipe_text(self.file))
+        return lane_data(lane, self.lanes, self.entry.text)
 
     def _timed(self, work: str, call: Callable[..., T], *given: Any) -> T:
         """Call a method of one's own, and count its processor time under a name of the costs."""
@@ -353,20 +350,14 @@ class _EntryRun:
         """Return the alarms of lanes by the recipe, and their features."""
         results = self.folder / "results"
         refuse_links(results)
-        runs, borders = self._files(lanes)
         with self._counting_costs(results) as (options, costs):
-            text = recipe_text(self.file)
-            jobs = []
-            for run, border in zip(runs, borders, strict=True):
-                output = results / run.stem
-                jobs.append(make_job(run, text, border, output, False, model, options=options))
+            jobs = [self._job(lane, results / lane.name, options, model) for lane in lanes]
             detect_survey(jobs, results, options=options)
         self.costs |= costs
         tables = []
         for lane in lanes:
-            files = Folder(results / lane.name)
             alarms = read_table_in(results, f"{lane.name}/alarms.csv", "alarms")
-            features = files.read_if_listed("features.csv")
+            features = Folder(results / lane.name).read_if_listed("features.csv")
             tables.append((alarms, pd.DataFrame() if features is None else parse_columns(features)))
         shutil.rmtree(results)
         return tables
@@ -378,11 +369,10 @@ class _EntryRun:
         if model.is_dir():
             return model
         with self._counting_costs(model.with_name(f"{name}-costs")) as (options, costs):
-            runs, borders, truths = self._files(trained_on, "-truth.csv")
-            text = recipe_text(self.file)
             jobs = []
-            for run, lane, truth in zip(runs, borders, truths, strict=True):
-                jobs.append(make_job(run, text, lane, model, False, truth=truth, options=options))
+            for lane in trained_on:
+                truth = self.lanes / f"{lane.name}-truth.csv"
+                jobs.append(self._job(lane, model, options, truth=truth))
             train_on_lanes(jobs, model, (), self.ground.table.halo, options, overwrite=True)
         self.costs[f"training {name}"] = {
             "processor_seconds": sum(cost["processor_seconds"] for cost in costs.values()),
@@ -390,12 +380,19 @@ class _EntryRun:
         }
         return model
 
-    def _files(self, lanes: Sequence[GroundLane], *endings: str) -> list[list[Path]]:
-        """Return the runs and the borders of lanes, and their files of other endings."""
-        files = []
-        for ending in (".zarr", "-lane.toml", *endings):
-            files.append([self.lanes / f"{lane.name}{ending}" for lane in lanes])
-        return files
+    def _job(
+        self,
+        lane: GroundLane,
+        output: Path,
+        options: RunOptions,
+        model: Path | None = None,
+        truth: Path | None = None,
+    ) -> LaneJob:
+        """Return the job of the entry's recipe on a lane."""
+        run = self.lanes / f"{lane.name}.zarr"
+        borders = lane_file_of(run)
+        text = self.entry.text
+        return make_job(run, text, borders, output, False, model, truth=truth, options=options)
 
     @contextmanager
     def _counting_costs(self, folder: Path) -> Iterator[tuple[RunOptions, Costs]]:
@@ -567,7 +564,7 @@ def run_benchmark(
         If an entry is not there, not valid or does not fit the lanes, the folder is of another form
         of the ground, or the ground has no such tier.
     """
-    chosen = load_ground(quick, None if ground is None else Path(ground))
+    chosen = load_ground(quick, ground)
     folder = Path(output)
     tiers = chosen.chosen_tiers(tier)
     to_run = _checked_entries(entries, chosen)
@@ -632,7 +629,7 @@ def make_ground(
     ValueError
         If the folder is of another form of the ground, or the ground has no such tier.
     """
-    chosen = load_ground(quick, None if ground is None else Path(ground))
+    chosen = load_ground(quick, ground)
     tiers = chosen.chosen_tiers(tier)
     folder = Path(output)
     begin_folder(chosen, folder)
@@ -681,14 +678,14 @@ def open_lane(
     >>> lane.part, dict(lane.run["signal"].sizes)
     ('test', {'scan': 3, 'polarization': 4, 'pair': 32, 'frequency': 142})
     """
-    chosen = load_ground(quick, None if ground is None else Path(ground))
+    chosen = load_ground(quick, ground)
     if name not in chosen.lanes:
         known = ", ".join(chosen.lanes)
         raise ValueError(f"name must be that of a lane of {chosen.title}, {known}, got {name!r}")
     begin_folder(chosen, Path(folder))
     lanes = Path(folder) / "lanes"
     lanes.mkdir(exist_ok=True)
-    if not _is_made(lanes, name):
+    if not is_finished(lanes / f"{name}.zarr"):
         make_lane(quick, chosen.text, name, str(lanes.resolve()))
     recipe = packaged_entries(chosen)["wang2007"].text
     return lane_data(chosen.lanes[name], lanes, recipe)

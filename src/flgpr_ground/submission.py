@@ -12,7 +12,9 @@ number and sizes, and nothing in them runs. All faults are found at once.
 
 from __future__ import annotations
 
+import itertools
 import os
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -22,10 +24,8 @@ import numpy as np
 import pandas as pd
 
 from flgpr.door import DoorError, Folder
-from flgpr.model import Lane
 from flgpr.model.printable import printable
 from flgpr.store.tables import parse_columns
-from flgpr.types import BoolArray, FloatArray
 from flgpr_ground.card import CARD, MOST_CARD_BYTES, Card, parse_card
 from flgpr_ground.entries import ORACLES, packaged_entries
 from flgpr_ground.fingerprints import likeness_of
@@ -111,11 +111,16 @@ class _Check:
 
     def run(self) -> Submission:
         """Check everything; what does not depend on a fault is checked in spite of it."""
-        card, card_text = self._card()
-        ground = None if card is None else self._ground(card)
+        card_text = self._read(CARD, MOST_CARD_BYTES, "the card must be there") or b""
+        card, faults = parse_card(card_text) if card_text else (None, [])
+        self.faults += [f"{CARD}: {line}" for line in faults]
+        ground = None if card is None else self._ground(card.ground)
         alarms: dict[str, pd.DataFrame] = {}
         if ground is not None and card is not None:
-            self._check_name(card, ground)
+            if card.name in packaged_entries(ground) or card.name in ORACLES:
+                self.faults.append(
+                    f"{CARD}: name must not be that of a packaged entry, got {card.name!r}"
+                )
             alarms = self._alarm_lists(ground)
             self._check_lanes(ground)
         if self.not_read:
@@ -144,37 +149,23 @@ class _Check:
             self.faults.append(str(error).removeprefix(f"{self.root}: "))
         return None
 
-    def _card(self) -> tuple[Card | None, bytes]:
-        """Return the card and its file."""
-        data = self._read(CARD, MOST_CARD_BYTES, "the card must be there")
-        if data is None:
-            return None, b""
-        card, faults = parse_card(data)
-        self.faults += [f"{CARD}: {line}" for line in faults]
-        return card, data
-
-    def _ground(self, card: Card) -> Ground | None:
-        """Return the ground that the card names, with all of its tiers."""
+    def _ground(self, title: str) -> Ground | None:
+        """Return the ground of a title that a card names, with all of its tiers."""
         hint = ""
+        sources: list[str | Path] = [self.ground_file] if self.ground_file else list(GROUNDS)
         if self.ground_file is None:
-            grounds = packaged_grounds()
             hint = "; a ground of one's own is given by its file"
-        elif str(self.ground_file) in GROUNDS:
-            grounds = _forms_of(str(self.ground_file))
-        else:
-            grounds = _forms_of(Path(self.ground_file))
-        if card.ground in grounds:
-            return grounds[card.ground]
-        titles = " or ".join(grounds)
-        self.faults.append(f"{CARD}: ground must be {titles}, got {card.ground!r}{hint}")
-        return None
-
-    def _check_name(self, card: Card, ground: Ground) -> None:
-        """Refuse names that other rows of the tables have."""
-        if card.name in packaged_entries(ground) or card.name in ORACLES:
-            self.faults.append(
-                f"{CARD}: name must not be that of a packaged entry, got {card.name!r}"
-            )
+        grounds = {}
+        for source in sources:
+            full = load_ground(False, source)
+            grounds[full.title] = full
+            with suppress(ValueError):  # it has no quick form
+                quick = load_ground(True, source)
+                grounds[quick.title] = quick
+        if title not in grounds:
+            titles = " or ".join(grounds)
+            self.faults.append(f"{CARD}: ground must be {titles}, got {title!r}{hint}")
+        return grounds.get(title)
 
     def _alarm_lists(self, ground: Ground) -> dict[str, pd.DataFrame]:
         """Return the alarms of every split that has a folder."""
@@ -196,7 +187,7 @@ class _Check:
     def _alarms_of_split(self, ground: Ground, split: str) -> pd.DataFrame:
         """Return the alarms of a split; lanes that are missing or not of it are faults."""
         lanes = {lane.name: lane for lane in ground.tested(split)}
-        tables = []
+        tables = [pd.DataFrame({"x": [], "y": [], "confidence": [], "lane": []})]
         present = set()
         strange = []
         for name, is_folder in self._entries(split):
@@ -204,7 +195,9 @@ class _Check:
                 self.not_read.append(f"{split}/{name}")
             elif name in lanes:
                 present.add(name)
-                tables.append(self._alarms_of_lane(ground, split, lanes[name]))
+                table = self._alarms_of_lane(ground, split, lanes[name])
+                if table is not None:
+                    tables.append(table)
             else:
                 strange.append(name)
         if strange:
@@ -214,26 +207,19 @@ class _Check:
             )
         self._check_complete(ground, split, present)
         self.lanes[split] = tuple(sorted(present))
-        faultless = [table for table in tables if table is not None]
-        alarms = sum(len(table) for table in faultless)
-        self._note_outside(split, alarms)
-        if not faultless:
-            return pd.DataFrame({"x": [], "y": [], "confidence": [], "lane": []})
-        return pd.concat(faultless, ignore_index=True)
-
-    def _note_outside(self, split: str, count: int) -> None:
-        """Note how many of the alarms of a split lie outside their lanes; all may not."""
+        alarms = pd.concat(tables[1:] or tables, ignore_index=True)
         outside = self.outside.get(split, 0)
-        if outside and outside == count:
+        if outside and outside == len(alarms):
             self.faults.append(
-                f"{split}: alarms must lie in their lanes, all {count} lie outside: are x and y "
+                f"{split}: alarms must lie in their lanes, all {outside} lie outside: are x and y "
                 "swapped, or the lanes others?"
             )
         elif outside:
             self.notes.append(
-                f"{split}: {outside} of {count} alarms lie outside their lanes: they find targets "
-                "near a border, and are no false alarms"
+                f"{split}: {outside} of {len(alarms)} alarms lie outside their lanes: they find "
+                "targets near a border, and are no false alarms"
             )
+        return alarms
 
     def _check_complete(self, ground: Ground, split: str, present: set[str]) -> None:
         """Refuse a tier of which some lanes are there and others are not."""
@@ -282,9 +268,7 @@ class _Check:
         except ValueError as error:
             self.faults.append(f"{PRINTS}: {str(error)[:200]}")
             return
-        needed: set[str] = set()
-        for names in self.lanes.values():
-            needed |= set(names)
+        needed = set(itertools.chain(*self.lanes.values()))
         absent = [name for name in sorted(needed) if likeness[name] == "not there"]
         if absent:
             self.faults.append(
@@ -297,9 +281,7 @@ class _Check:
                 f"{PRINTS}: lanes must be those of {ground.title}, got {len(other)} with other "
                 f"echoes: {_some(other)}"
             )
-        for word in likeness.values():
-            if word != "not there":
-                self.likeness[word] = self.likeness.get(word, 0) + 1
+        self.likeness = dict(Counter(word for word in likeness.values() if word != "not there"))
         unknown = self.likeness.get("not known", 0)
         if unknown:
             self.notes.append(
@@ -339,84 +321,43 @@ def _table_faults(table: pd.DataFrame, lane: GroundLane, margin: float) -> Itera
     if len(table) > MOST_ALARMS:
         yield f"a lane must have at most {MOST_ALARMS} alarms, got {len(table)}"
         return
-    numbers = {}
+    numbers = table[list(_REQUIRED)].apply(pd.to_numeric, errors="coerce").astype(np.float64)
     for name in _REQUIRED:
-        column = pd.to_numeric(table[name], errors="coerce").to_numpy(np.float64, na_value=np.nan)
-        bad = ~np.isfinite(column)
-        if bad.any():
-            first = int(np.flatnonzero(bad)[0])
-            value = repr(str(table[name].iloc[first]))[:60]
-            yield f"{name} must be a finite number, got {value} {_where(bad)}"
-        numbers[name] = column
-    yield from _position_faults(numbers["x"], numbers["y"], lane.lane, margin)
-    yield from _label_faults(table, lane)
-
-
-def _position_faults(x: FloatArray, y: FloatArray, lane: Lane, margin: float) -> Iterator[str]:
-    """Yield faults of positions: far outside the lane, or twice at one place."""
-    finite = np.isfinite(x) & np.isfinite(y)
-    distance = np.zeros(x.size)
-    distance[finite] = lane.distance(x[finite], y[finite])
-    far = distance > margin
-    if far.any():
-        first = int(np.flatnonzero(far)[0])
-        yield (
-            f"alarms must lie in the lane (x {lane.x_min:g} to {lane.x_max:g} m, "
-            f"y {lane.y_min:g} to {lane.y_max:g} m) or at most {margin:g} m outside, got "
-            f"x = {x[first]:.6g}, y = {y[first]:.6g} {_where(far)}"
-        )
+        bad = ~np.isfinite(numbers[name])
+        yield from _rule(bad, f"{name} must be a finite number", "{!r:.60}", table[name].map(str))
+    place = numbers["x"], numbers["y"]
+    finite = np.isfinite(place[0]) & np.isfinite(place[1])
+    far = lane.lane.distance(*(axis.where(finite, 0.0) for axis in place)) > margin
+    limits = lane.lane
+    rule = (
+        f"alarms must lie in the lane (x {limits.x_min:g} to {limits.x_max:g} m, "
+        f"y {limits.y_min:g} to {limits.y_max:g} m) or at most {margin:g} m outside"
+    )
+    yield from _rule(finite & far, rule, "x = {:.6g}, y = {:.6g}", *place)
     # An alarm that is repeated would hit a target, or count as false, twice.
-    repeated = pd.DataFrame({"x": x, "y": y}).duplicated().to_numpy() & finite
-    if repeated.any():
-        first = int(np.flatnonzero(repeated)[0])
-        yield (
-            f"alarms must lie at places of their own, got x = {x[first]:.6g}, y = {y[first]:.6g} "
-            f"again {_where(repeated)}"
-        )
-
-
-def _label_faults(table: pd.DataFrame, lane: GroundLane) -> Iterator[str]:
-    """Yield faults of the optional columns ``alarm_id`` and ``lane``."""
+    repeated = finite & numbers[["x", "y"]].duplicated()
+    rule = "alarms must lie at places of their own"
+    yield from _rule(repeated, rule, "x = {:.6g}, y = {:.6g} again", *place)
     if "alarm_id" in table.columns:
-        repeated = (table["alarm_id"].duplicated() & table["alarm_id"].notna()).to_numpy()
-        if repeated.any():
-            value = table["alarm_id"].iloc[int(np.flatnonzero(repeated)[0])]
-            yield f"alarm_id must be unique, got {value[:40]!r} again {_where(repeated)}"
+        ids = table["alarm_id"]
+        repeated = ids.duplicated() & ids.notna()
+        yield from _rule(repeated, "alarm_id must be unique", "{!r:.42} again", ids)
     if "lane" in table.columns:
-        lane_name = table["lane"].fillna("").astype(str)
-        strange = (~lane_name.isin(["", lane.name])).to_numpy()
-        if strange.any():
-            value = lane_name.iloc[int(np.flatnonzero(strange)[0])]
-            yield f"lane must be {lane.name} or empty, got {value[:60]!r} {_where(strange)}"
+        lanes = table["lane"].fillna("").astype(str)
+        strange = ~lanes.isin(["", lane.name])
+        yield from _rule(strange, f"lane must be {lane.name} or empty", "{!r:.62}", lanes)
 
 
-def _where(marked: BoolArray) -> str:
-    """Return the line of the file that the first marked row stands in, and the number of rows."""
-    count = int(marked.sum())
-    noun = "row" if count == 1 else "rows"
-    first_row = int(np.flatnonzero(marked)[0])
-    return f"in line {first_row + 2} ({count} {noun})"  # the header is line 1
+def _rule(broken: pd.Series, rule: str, got: str, *values: pd.Series) -> Iterator[str]:
+    """Yield a rule that rows break, if any does: what the first row holds, its line, and a count."""
+    rows = np.flatnonzero(broken)
+    if rows.size:
+        noun = "row" if rows.size == 1 else "rows"
+        shown = got.format(*(value.iloc[rows[0]] for value in values))
+        yield f"{rule}, got {shown} in line {rows[0] + 2} ({rows.size} {noun})"  # line 1: header
 
 
 def _some(names: list[str]) -> str:
     """Return the first few of some names."""
     shown = ", ".join(name[:80] for name in names[:_SHOWN])
     return f"{shown}, ..." if len(names) > _SHOWN else shown
-
-
-def packaged_grounds() -> dict[str, Ground]:
-    """Return the packaged grounds and their quick forms by title."""
-    grounds: dict[str, Ground] = {}
-    for name in GROUNDS:
-        grounds |= _forms_of(name)
-    return grounds
-
-
-def _forms_of(source: str | Path) -> dict[str, Ground]:
-    """Return a ground and its quick form, if it has one, by title."""
-    full = load_ground(False, source)
-    forms = {full.title: full}
-    with suppress(ValueError):  # it has no quick form
-        quick = load_ground(True, source)
-        forms[quick.title] = quick
-    return forms

@@ -30,9 +30,17 @@ from flgpr.store.outputs import log_finished
 from flgpr.store.tables import parse_columns, read_table_in
 from flgpr_ground.card import entered_card, parse_card
 from flgpr_ground.entries import ORACLES, packaged_entries
-from flgpr_ground.figures import opening_split, split_figure, tiers_figure
+from flgpr_ground.figures import split_figure, tiers_figure
 from flgpr_ground.fingerprints import same_lanes
-from flgpr_ground.ground import BODY, MINES, Ground, load_ground
+from flgpr_ground.ground import (
+    BODY,
+    MINES,
+    Ground,
+    by_pd,
+    load_ground,
+    opening_split,
+    scores_at,
+)
 from flgpr_ground.oracle import oracle_file
 from flgpr_ground.running import (
     ABOUT,
@@ -46,7 +54,6 @@ from flgpr_ground.running import (
 from flgpr_trials.blind import match_blind
 from flgpr_trials.ledger import alarm_hash
 
-_COUNTS = ("n_detected", "n_targets", "n_false")
 _KEY_DIGITS = 12  # of the digest in the name of a stored score
 
 
@@ -82,52 +89,40 @@ def score_entries(folders: Sequence[str | Path]) -> tuple[pd.DataFrame, pd.DataF
     benchmarks = [Path(folder) for folder in folders]
     ground = common_ground(benchmarks)
     rows: list[dict[str, Any]] = []
-    costs: list[dict[str, Any]] = []
+    costs = []
     for tier in ground.chosen_tiers():
-        tier_rows, tier_costs = _score_tier(tier, benchmarks)
-        tier_column = {"tier": tier.tier} if tier.tier else {}
-        rows += [tier_column | row for row in tier_rows]
-        costs += [tier_column | row for row in tier_costs]
-    scores = pd.DataFrame(rows)
-    if scores.empty:
+        column = {"tier": tier.tier} if tier.tier else {}
+        references = {}
+        for split in tier.table.splits:
+            references[split] = _reference_alarms(benchmarks, tier, split)
+        for folder, name, entry in _entries(benchmarks, tier):
+            for split, reference in references.items():
+                if (entry / split / ALARMS).is_file():
+                    score = _stored_score(tier, folder, name, split, reference)
+                    rows += [column | row for row in score]
+            card_text = entered_card(Folder(folder), name)
+            card = None if card_text is None else parse_card(card_text)[0]
+            if card is None:
+                costs.append(column | measured_cost(tier, name, entry))
+            else:
+                costs.append(column | {"entry": name, **card.cost.declared()})
+        for folder in benchmarks:
+            if (folder / oracle_file(tier)).is_file():
+                found = parse_columns(Folder(folder).read(oracle_file(tier)))
+                rows += [column | row for row in _oracle_rows(tier, found)]
+    if not rows:
         names = ", ".join(map(str, folders))
         raise ValueError(f"folders must hold entries that were run, got none in {names}")
-    return scores, pd.DataFrame(costs)
+    return pd.DataFrame(rows), pd.DataFrame(costs)
 
 
-def _score_tier(
-    ground: Ground, folders: Sequence[Path]
-) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """Return the rows of scores and of costs of a ground, or of one of its tiers."""
-    reference = {}
-    for split in ground.table.splits:
-        reference[split] = _reference_alarms(folders, ground, split)
-    rows: list[dict[str, Any]] = []
-    costs = []
-    for folder, name in _entries(folders, ground):
-        entry = entry_folder(folder, name, ground)
-        for split in ground.table.splits:
-            if (entry / split / ALARMS).is_file():
-                rows += _stored_score(ground, folder, name, split, reference[split])
-        cost = _declared_cost(folder, name)
-        if cost is None:
-            cost = measured_cost(ground, name, entry)
-        costs.append(cost)
-
-    oracle_name = oracle_file(ground)
-    for folder in folders:
-        if (folder / oracle_name).is_file():
-            table = parse_columns(Folder(folder).read(oracle_name))
-            rows += _oracle_rows(ground, table)
-    return rows, costs
-
-
-def _entries(folders: Sequence[Path], ground: Ground) -> Iterator[tuple[Path, str]]:
-    """Yield folder and name of the entries that began on a ground, or on one of its tiers."""
+def _entries(folders: Sequence[Path], ground: Ground) -> Iterator[tuple[Path, str, Path]]:
+    """Yield benchmark folder, name and own folder of the entries that began on a ground or tier."""
     for folder in folders:
         for path in sorted((folder / "entries").glob("*")):
-            if (entry_folder(folder, path.name, ground) / ABOUT).is_file():
-                yield folder, path.name
+            entry = entry_folder(folder, path.name, ground)
+            if (entry / ABOUT).is_file():
+                yield folder, path.name, entry
 
 
 def _reference_alarms(folders: Sequence[Path], ground: Ground, split: str) -> pd.DataFrame | None:
@@ -149,11 +144,9 @@ def _stored_score(
     """
     entry = entry_folder(folder, name, ground)
     alarms = read_table_in(entry, f"{split}/{ALARMS}", "alarms")
-    is_reference = name == ground.table.reference
-    other = None if is_reference else reference
+    other = None if name == ground.table.reference else reference
     sealed = folder / "lanes" / SEALED
-    score_key = _score_key(ground, alarms, other, sealed)
-    score_name = f"{split}/score-{score_key}.json"
+    score_name = f"{split}/score-{_score_key(ground, alarms, other, sealed)}.json"
     if not Folder(entry).has(score_name):
         lanes = [lane.name for lane in ground.tested(split)]
         look = match_blind(alarms, sealed, passphrase(ground), only_lanes=lanes)
@@ -164,8 +157,7 @@ def _stored_score(
             paired = match(other, matched.truth, matched.lanes, matched.halo)
         rows = list(_rows(ground, split, matched, paired))
         write_whole(entry / score_name, json.dumps(rows) + "\n")
-    entry_columns = {"entry": name, "split": split}
-    return [entry_columns | row for row in Folder(entry).json(score_name)]
+    return [{"entry": name, "split": split} | row for row in Folder(entry).json(score_name)]
 
 
 def _score_key(
@@ -177,9 +169,8 @@ def _score_key(
     rules = ground.table.model_dump(mode="json", exclude=excluded)
     # Without a reference it is false, not null, as in the keys of scores stored so far.
     other_hash = False if other is None else alarm_hash(other)
-    alarms_and_rules = [rules, alarm_hash(alarms), other_hash]
     truth_hash = sha256(Folder(sealed.parent).read(sealed.name))
-    text = json.dumps([alarms_and_rules, truth_hash])
+    text = json.dumps([[rules, alarm_hash(alarms), other_hash], truth_hash])
     return sha256(text.encode())[:_KEY_DIGITS]
 
 
@@ -187,36 +178,47 @@ def _rows(
     ground: Ground, split: str, matched: Match, reference: Match | None
 ) -> Iterator[dict[str, Any]]:
     """Yield the score of all mines, of kinds of targets and packaged bodies, and of every site."""
-    level = chance(matched)
     groups = _groups(ground, split, matched.truth)
-    mines = groups[MINES]
     for group, of_group in groups.items():
         paired = reference if group == MINES else None
-        yield from _points(ground, group, matched, level, of_group.to_numpy(), paired)
+        yield from _points(ground, group, matched, of_group.to_numpy(), paired)
 
-    site_of_lane = {lane.name: lane.site for lane in ground.tested(split)}
-    site_of_target = matched.truth["lane"].map(site_of_lane)
+    sites = {lane.name: lane.site for lane in ground.tested(split)}
     for site in ground.sites:
-        lanes = [name for name, site_of in site_of_lane.items() if site_of == site]
-        has_mines = (mines & (site_of_target == site)).any()
-        if not lanes or not has_mines:
+        lanes = [name for name, of_lane in sites.items() if of_lane == site]
+        if not (groups[MINES] & matched.truth["lane"].isin(lanes)).any():
             continue
         # Matched again: false alarms and area are those of the site's lanes alone.
-        at_site = _match_of_lanes(matched, lanes)
-        rows = chosen_mines(ground, split, at_site.truth).to_numpy()
-        yield from _points(ground, site, at_site, chance(at_site), rows, None)
+        at_site = in_lanes(matched, lanes)
+        mines = chosen_mines(ground, split, at_site.truth).to_numpy()
+        yield from _points(ground, site, at_site, mines)
+
+
+def in_lanes(matched: Match, lanes: Sequence[str]) -> Match:
+    """Return the match of some of the lanes alone.
+
+    Parameters
+    ----------
+    matched : Match
+        The match of all lanes.
+    lanes : sequence of str
+        Names of those that are kept, with their own false alarms and area.
+    """
+    alarms, truth = (
+        table[table["lane"].isin(lanes)].reset_index(drop=True)
+        for table in (matched.alarms, matched.truth)
+    )
+    return match(alarms, truth, {name: matched.lanes[name] for name in lanes}, matched.halo)
 
 
 def _groups(ground: Ground, split: str, targets: pd.DataFrame) -> dict[str, pd.Series]:
     """Return which targets are in each group: all mines, every kind, every packaged body."""
     kind = targets["kind"].astype(str)
     groups = {MINES: chosen_mines(ground, split, targets)}
-    for name in sorted(kind.unique()):
-        groups[name] = kind == name
+    groups |= {name: kind == name for name in sorted(kind.unique())}
     if "body" in targets.columns:
         body = targets["body"].fillna("").astype(str)
-        for name in sorted(set(body) - {""}):
-            groups[f"{BODY}{name}"] = body == name
+        groups |= {f"{BODY}{name}": body == name for name in sorted(set(body) - {""})}
     return groups
 
 
@@ -241,8 +243,7 @@ def _oracle_rows(ground: Ground, false_alarms: pd.DataFrame) -> Iterator[dict[st
         column, _ = ORACLES[name]
         area = float(targets.drop_duplicates("site")["area"].sum())
         groups = _groups(ground, split, targets)
-        for site in ground.sites:
-            groups[site] = groups[MINES] & (targets["site"] == site)
+        groups |= {site: groups[MINES] & (targets["site"] == site) for site in ground.sites}
         for (group, rows), allowed in itertools.product(groups.items(), ground.table.fars):
             detected = int((targets.loc[rows, column] <= allowed).sum())
             total = int(rows.sum())
@@ -265,32 +266,20 @@ def _oracle_rows(ground: Ground, false_alarms: pd.DataFrame) -> Iterator[dict[st
             }
 
 
-def _match_of_lanes(matched: Match, lanes: Sequence[str]) -> Match:
-    """Return the match of some of the lanes alone."""
-
-    def of_lanes(table: pd.DataFrame) -> pd.DataFrame:
-        return table[table["lane"].isin(lanes)].reset_index(drop=True)
-
-    borders = {name: matched.lanes[name] for name in lanes}
-    return match(of_lanes(matched.alarms), of_lanes(matched.truth), borders, matched.halo)
-
-
 def _points(
-    ground: Ground, group: str, matched: Match, level: Any, rows: Any, reference: Match | None
+    ground: Ground, group: str, matched: Match, rows: Any, reference: Match | None = None
 ) -> Iterator[dict[str, Any]]:
     """Yield the score of a group of targets at every allowed FAR."""
-    curve = level.add_chance_column(roc_of(matched, rows), rows)
+    curve = chance(matched).add_chance_column(roc_of(matched, rows), rows)
     fars = ground.table.fars
-    points = curve.iloc[operating_row(curve, np.array(fars))]
-    for allowed, (_, point) in zip(fars, points.iterrows(), strict=True):
+    points = curve.iloc[operating_row(curve, np.array(fars))].to_dict("records")
+    for allowed, point in zip(fars, points, strict=True):
         row: dict[str, Any] = {"group": group, "far_allowed": allowed}
-        for name in ("pd", "pd_low", "pd_high", "chance", "far"):
-            row[name] = float(point[name])
+        row |= {name: float(point[name]) for name in ("pd", "pd_low", "pd_high", "chance", "far")}
         if math.isnan(row["chance"]):
             # The targets lie too close to be moved clear of all halos.
             row["chance"] = float(random_pd(row["far"], matched.halo))
-        for name in _COUNTS:
-            row[name] = int(point[name])
+        row |= {name: int(point[name]) for name in ("n_detected", "n_targets", "n_false")}
         row["area"] = float(curve.attrs["area"])
         if allowed == ground.table.far:
             row["pd_mean"] = float(pd_mean(curve, max(fars)))
@@ -300,23 +289,6 @@ def _points(
                 row["reference_only"] = paired["only_second"]
                 row["p"] = paired["p"]
         yield row
-
-
-def _declared_cost(folder: Path, name: str) -> dict[str, Any] | None:
-    """Return what a submission cost by its card; None for an entry without one."""
-    card_text = entered_card(Folder(folder), name)
-    if card_text is None:
-        return None
-    card, _ = parse_card(card_text)
-    return None if card is None else {"entry": name, **card.cost.declared()}
-
-
-def of_tier(table: pd.DataFrame, ground: Ground) -> pd.DataFrame:
-    """Return the rows of scores or of costs that are of a tier.
-
-    On a ground without tiers these are all rows.
-    """
-    return table[table["tier"] == ground.tier] if ground.tier else table
 
 
 def table_text(ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame) -> str:
@@ -339,10 +311,16 @@ def table_text(ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame) -> str
         f"{ground.title}: Pd of mines at {ground.table.far:g} false alarms per m², 95 % interval, "
         "chance"
     ]
+    against = f"; against {ground.table.reference} "
     for tier in ground.chosen_tiers():
-        tier_scores = of_tier(scores, tier)
-        if len(tier_scores):
-            lines += _tier_lines(tier, tier_scores, width)
+        if tier.tier and not (scores["tier"] == tier.tier).any():
+            continue
+        lines += ["", f"TIER {tier.tier}: {tier.tier_title}"] if tier.tier else []
+        for split, row in tier.table.splits.items():
+            lines += ["", f"{split}: {row.title}"]
+            for score in by_pd(scores_at(scores, tier, split)).to_dict("records"):
+                entry = f"  {score['entry']:{width}} {pd_in_words(score)}"
+                lines.append(entry + paired_in_words(score, against))
 
     tier_width = max((len(name) for name in ground.table.tiers), default=0)
     head = f"{'cost':{width + 2}} {'':{tier_width}}"
@@ -358,23 +336,6 @@ def costs_in_words(cost: Mapping[Any, Any]) -> list[str]:
     """Return seconds per km, seconds of training and MiB as text; "-" for what is not known."""
     values = [cost["seconds_per_km"], cost["training_seconds"], cost["peak_bytes"] / 2**20]
     return [f"{value:.0f}" if np.isfinite(value) else "-" for value in values]
-
-
-def _tier_lines(ground: Ground, scores: pd.DataFrame, width: int) -> list[str]:
-    """Return the lines of every split of a ground, or of one of its tiers; names have a width."""
-    lines = ["", f"TIER {ground.tier}: {ground.tier_title}"] if ground.tier else []
-    is_compared = scores["group"] == MINES
-    is_compared &= scores["far_allowed"] == ground.table.far
-    compared = scores[is_compared]
-    against = f"; against {ground.table.reference} "
-    for split, row in ground.table.splits.items():
-        lines += ["", f"{split}: {row.title}"]
-        of_split = compared[compared["split"] == split]
-        ranked = of_split.sort_values("pd", ascending=False, kind="stable")
-        for score in ranked.to_dict("records"):
-            entry = f"  {score['entry']:{width}} {pd_in_words(score)}"
-            lines.append(entry + paired_in_words(score, against))
-    return lines
 
 
 def pd_in_words(score: Mapping[Any, Any]) -> str:
@@ -433,23 +394,15 @@ def write_score_tables(folders: Sequence[str | Path], output: str | Path) -> str
     write_whole(target / "scores.csv", scores.to_csv(index=False, float_format="%.6g"))
     write_whole(target / "costs.csv", costs.to_csv(index=False, float_format="%.4g"))
     titles, faults, own = _described(ground, benchmarks)
-    for name, (_, title) in ORACLES.items():
-        if name in set(scores["entry"]):
-            titles[name] = title
-    answers = list(_answers(ground, scores, own))
-    write_page(target / "index.html", _page(ground, scores, costs, titles, answers))
-    return "\n".join([*answers, table_text(ground, scores, costs), *faults])
-
-
-def _answers(ground: Ground, scores: pd.DataFrame, own: Sequence[str]) -> Iterator[str]:
-    """Yield a sentence for every entry of one's own, on every tier, in the opening split."""
-    is_answer = scores["entry"].isin(own) & (scores["split"] == opening_split(ground))
-    is_answer &= (scores["group"] == MINES) & (scores["far_allowed"] == ground.table.far)
-    for score in scores[is_answer].to_dict("records"):
+    titles |= {name: title for name, (_, title) in ORACLES.items() if name in set(scores["entry"])}
+    opening = scores_at(scores, ground, opening_split(ground))
+    answers = []
+    for score in opening[opening["entry"].isin(own)].to_dict("records"):
         words = paired_sentence(score, score["entry"], ground.table.reference)
         if words:
-            where = f"{score['tier']}: " if ground.table.tiers else ""
-            yield f"{where}{words}"
+            answers.append(f"{score['tier']}: {words}" if ground.table.tiers else words)
+    write_page(target / "index.html", _page(ground, scores, costs, titles, answers))
+    return "\n".join([*answers, table_text(ground, scores, costs), *faults])
 
 
 def write_page(path: Path, page: str) -> None:
@@ -462,14 +415,13 @@ def write_page(path: Path, page: str) -> None:
 def _described(
     ground: Ground, folders: Sequence[Path]
 ) -> tuple[dict[str, str], list[str], list[str]]:
-    """Return titles by entry, the reasons of those that did not finish, and those of one's own."""
+    """Return titles by entry, reasons of those that did not finish, and those of one's own."""
     titles: dict[str, str] = {}
     faults = []
     own = []
     for tier in ground.chosen_tiers():
         on_tier = f" on the tier {tier.tier}" if tier.tier else ""
-        for folder, name in _entries(folders, tier):
-            entry = entry_folder(folder, name, tier)
+        for _, name, entry in _entries(folders, tier):
             about = Folder(entry).json(ABOUT)
             titles.setdefault(name, about["title"])
             if "authors" in about:
@@ -495,12 +447,18 @@ def _page(
         opening["narrow"] = tiers_figure(ground, scores, narrow=True)
     tiers = []
     for tier in ground.chosen_tiers():
-        tier_scores = of_tier(scores, tier)
         splits = []
-        for split in ground.table.splits:
-            if (tier_scores["split"] == split).any():
-                figure = split_figure(tier, tier_scores, split)
-                splits.append((split, figure, _scores_of_entries(tier, tier_scores, split)))
+        for split in tier.table.splits:
+            ranked = by_pd(scores_at(scores, tier, split))
+            if ranked.empty:
+                continue
+            by_entry: dict[str, dict[float, dict[Any, Any]]] = {
+                name: {} for name in ranked["entry"]
+            }
+            for far in ground.table.fars:
+                for row in scores_at(scores, tier, split, far=far).to_dict("records"):
+                    by_entry[row["entry"]][far] = row
+            splits.append((split, split_figure(tier, scores, split), by_entry))
         if splits:
             tiers.append((tier, splits))
     return render(
@@ -517,19 +475,6 @@ def _page(
         pd_in_words=pd_in_words,
         paired_in_words=paired_in_words,
     )
-
-
-def _scores_of_entries(
-    ground: Ground, scores: pd.DataFrame, split: str
-) -> dict[str, dict[float, dict[Any, Any]]]:
-    """Return the scores of all mines by entry and FAR, the largest Pd at that of comparison first."""
-    mines = scores[(scores["split"] == split) & (scores["group"] == MINES)]
-    compared = mines[mines["far_allowed"] == ground.table.far]
-    ranked = compared.sort_values("pd", ascending=False, kind="stable")
-    by_entry: dict[str, dict[float, dict[Any, Any]]] = {str(name): {} for name in ranked["entry"]}
-    for row in mines.to_dict("records"):
-        by_entry[str(row["entry"])][row["far_allowed"]] = row
-    return by_entry
 
 
 def listing(
@@ -552,25 +497,20 @@ def listing(
     list of str
         The lines.
     """
-    chosen = load_ground(quick, None if ground is None else Path(ground))
+    chosen = load_ground(quick, ground)
     lines = [f"{chosen.title}, seen by {chosen.table.sensor}", "", "entries:"]
-    for name, entry in packaged_entries(chosen).items():
-        lines.append(f"  {name:20} {entry.title}")
+    lines += [f"  {name:20} {entry.title}" for name, entry in packaged_entries(chosen).items()]
     if chosen.table.tiers:
         lines += ["", "tiers, each with all splits:"]
         for name, tier in chosen.table.tiers.items():
             sites = ", ".join(tier.sites.values())
             lines.append(f"  {name:20} {tier.title}, at {sites}")
     lines += ["", "splits:"]
-    for name, split in chosen.table.splits.items():
-        lines.append(f"  {name:20} {split.title}")
+    lines += [f"  {name:20} {split.title}" for name, split in chosen.table.splits.items()]
     lines += ["", "lanes:"]
     likeness = same_lanes(chosen, Path(lanes)) if lanes is not None else {}
     width = max(20, *(len(name) for name in chosen.lanes))
     for name, lane in chosen.lanes.items():
-        targets = len(lane.truth())
-        line = f"  {name:{width}} {lane.part:9} {lane.length:5g} m {targets:3} targets"
-        if likeness:
-            line += f"  {likeness[name]}"
-        lines.append(line)
+        line = f"  {name:{width}} {lane.part:9} {lane.length:5g} m {len(lane.truth()):3} targets"
+        lines.append(f"{line}  {likeness[name]}" if likeness else line)
     return lines

@@ -55,6 +55,22 @@ def test_a_run_states_its_page(monkeypatch, tmp_path):
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ("tier", "status"), [((), 1), (("--tier", "rough"), 1), (("--tier", "smooth"), 0)]
+)
+def test_a_class_that_does_not_finish_ends_the_run_with_status_1(
+    tier, status, monkeypatch, tmp_path
+):
+    table = "scores\nmy-detector did not finish on the tier rough: fit must not fail"
+    monkeypatch.setattr("flgpr.proving_ground.run_benchmark", lambda *_: None)
+    monkeypatch.setattr("flgpr.proving_ground.write_score_tables", lambda *_: table)
+    monkeypatch.setattr("flgpr.proving_ground.write_submissions", lambda _: [])
+    words = ["benchmark", "run", "module:MyDetector", *tier, "-o", str(tmp_path)]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == status, done.output
+    assert ("has no score where it failed: my-detector" in done.stdout) == bool(status)
+
+
 def test_a_tier_that_the_ground_has_not_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"tier must be one of those of .*, got 'muddy'"):
         run_benchmark(["wang2007"], tmp_path / "ground", quick=True, tier="muddy")

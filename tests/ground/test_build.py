@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from flgpr import system
 from flgpr.simulate.bodies.signature import packaged_bodies
 from flgpr.simulate.bodies.signature import table as nodes
 from flgpr.simulate.bodies.signature.body import Body
@@ -22,6 +23,7 @@ def few(monkeypatch):
     monkeypatch.setattr(nodes, "LOSS", nodes.LOSS[:2])
     monkeypatch.setattr(nodes, "FREQUENCY", nodes.FREQUENCY[:2])
     monkeypatch.setattr(nodes, "DEPTH", nodes.DEPTH[-2:])
+    monkeypatch.setattr(system, "start_method", lambda: "fork")  # processes have these nodes, too
 
 
 @pytest.mark.slow("is killed, and begins again, several times")

@@ -17,10 +17,10 @@ from flgpr_ground.board import (
     packaged_board,
     ranked_rows,
     read_board,
-    scores_at,
 )
 from flgpr_ground.card import parse_card
 from flgpr_ground.figures import leaderboard_figure
+from flgpr_ground.ground import scores_at
 from flgpr_ground.leaderboard import leaderboard_html
 from reading import ROOT
 from submitted import CARD, write_ground
@@ -48,20 +48,24 @@ def ground(tmp_path):
     return write_ground(tmp_path)[1]
 
 
+def smooth_rows(board):
+    return ranked_rows(board, board.ground.chosen_tiers("smooth")[0], "standard")
+
+
 def ranks(board):
-    return {row.entry: row.rank for row in ranked_rows(board, "smooth", "standard")}
+    return {row.entry: row.rank for row in smooth_rows(board)}
 
 
 def test_entries_whose_intervals_lie_apart_have_ranks(ground):
     board = board_of(ground, {"last": 20, "first": 180, "middle": 100})
     assert ranks(board) == {"first": "1", "middle": "2", "last": "3"}
-    assert [row.unclear for row in ranked_rows(board, "smooth", "standard")] == [(), (), ()]
+    assert [row.unclear for row in smooth_rows(board)] == [(), (), ()]
 
 
 def test_entries_whose_intervals_overlap_have_none(ground):
     board = board_of(ground, {"a": 100, "b": 105, "c": 110, "far": 20})
     assert ranks(board) == {"c": "1 to 3", "b": "1 to 3", "a": "1 to 3", "far": "4"}
-    rows = {row.entry: row.unclear for row in ranked_rows(board, "smooth", "standard")}
+    rows = {row.entry: row.unclear for row in smooth_rows(board)}
     assert set(rows["a"]) == {"b", "c"}
 
 
@@ -87,17 +91,17 @@ def test_who_saw_the_test_lanes_and_the_oracle_are_shown_without_a_rank(ground):
 def test_the_packaged_scores_are_those_of_the_evidence():
     ground = load_ground()
     board = packaged_board(ground)
-    for tier in ground.table.tiers:
+    for tier, of_tier in zip(ground.table.tiers, ground.chosen_tiers(), strict=True):
         text = (ROOT / "docs" / "evidence" / "benchmark" / f"{tier}.csv").read_text("utf-8")
         rows = list(csv.DictReader(text.splitlines()))
-        mines = scores_at(board, tier, "standard", ground.table.far).set_index("entry")
+        mines = scores_at(board.scores, of_tier, "standard").set_index("entry")
         assert set(mines.index) == {row["entry"] for row in rows}
         for row in rows:
             score = mines.loc[row["entry"]]
             assert row["mines"] == f"{score['n_detected']} of {score['n_targets']}"
             interval = f"{score['pd']:.2f} ({score['pd_low']:.2f} to {score['pd_high']:.2f})"
             assert row["Pd, 95 % interval"] == interval
-            cost = board.costs.get((tier, row["entry"]), {}).get("seconds_per_km", float("nan"))
+            cost = board.costs.get((tier, row["entry"]), float("nan"))
             shown = "·" if np.isnan(cost) else f"{cost:.0f}"
             assert row["processor s per km"] == shown
 

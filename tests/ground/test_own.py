@@ -1,6 +1,7 @@
 """Classes of one's own on the proving ground: what is refused, what they are given, and the way to a paper."""
 
 import json
+import re
 import sys
 
 import numpy as np
@@ -58,6 +59,11 @@ class NotATable(WholeLanes):
 class Fails(WholeLanes):
     def fit(self, lanes):
         raise RuntimeError("no luck")
+class FailsOnGravel(WholeLanes):
+    def detect(self, lane):
+        if lane.site == "gravel":
+            raise RuntimeError("too rough")
+        return pd.DataFrame({{"x": [0.0], "y": [9.0], "confidence": [1.0]}})
 """
 
 
@@ -88,7 +94,11 @@ def module(tmp_path, monkeypatch):
         ("\n\n1 / 0", "own_module:Mine", r"must import, got ZeroDivisionError.*own_module.py, line 3"),
         ("Mine = 3", "own_module:Mine", "must be a class, .* got int"),
         ("class Mine:\n def __init__(self, n): pass", "own_module:Mine", "made without arguments"),
-        ("class Mine:\n def detect(self, lane): pass", "own_module:Mine", "a Mine without fit$"),
+        (
+            "class Mine:\n def detect(self, lane): pass",
+            "own_module:Mine",
+            r"a Mine without fit \(own_module.py, line 1\)$",
+        ),
         ("class Mine:\n def fit(self, X, y): pass", "own_module:Mine", "Mine without decision_function"),
         ("class Mine: pass", "own_module:Mine", "without fit and without decision_function"),
     ],
@@ -151,13 +161,21 @@ def field(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(folder)
         names = ["rows_class:PlainRows", "lanes_class:WholeLanes", "lanes_class:Fails"]
-        names += ["lanes_class:NotATable", recipe]
+        names += ["lanes_class:NotATable", "lanes_class:FailsOnGravel", recipe]
         with pytest.warns(UserWarning, match="did not finish") as warned:
             run_benchmark(names, folder / "out", ground=folder / "ground.toml")
     told = "\n".join(str(warning.message) for warning in warned)
     assert "fails did not finish: fit of lanes_class:Fails must not fail" in told
     assert "RuntimeError: no luck (lanes_class.py, line" in told
     assert "not-a-table did not finish: detect of lanes_class:NotATable must return a Data" in told
+    assert re.search(
+        r"got NoneType \(lanes_class.py, line \d+\) on 2 of 2 lanes: arid-test-1", told
+    )
+    # A lane on which it fails is no lane without alarms.
+    assert re.search(
+        r"too rough \(lanes_class.py, line \d+\) on 1 of 2 lanes: gravel-test-1$", told, re.M
+    )
+    assert not list((folder / "out" / "entries" / "fails-on-gravel").glob("standard/*.csv"))
     write_submissions(folder / "out")
     return folder, write_score_tables([folder / "out"], folder / "out")
 
@@ -298,6 +316,16 @@ def test_from_the_template_to_the_leaderboard(tmp_path, monkeypatch):
     assert "Logistic regression on local contrasts" in board.read_text("utf-8")
     write_leaderboard([tmp_path / "proving-ground"], tmp_path / "board.html")
     assert "my-detector misses" in call("compare", "my-detector")
+
+
+def test_a_ground_without_features_says_so_before_lanes_are_made(module, tmp_path):
+    module(
+        "own_rows_only",
+        "class Mine:\n def fit(self, X, y): pass\n def predict_proba(self, X): pass",
+    )
+    with pytest.raises(ValueError, match="wang2007 on full-wave-2, which has none"):
+        run_benchmark(["own_rows_only:Mine"], tmp_path / "out", ground="full-wave-2")
+    assert not (tmp_path / "out").exists()
 
 
 def test_two_classes_of_one_name_and_names_of_packaged_entries_are_refused(module, tmp_path):

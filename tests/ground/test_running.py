@@ -299,7 +299,7 @@ def test_the_oracle_finds_echoes_that_are_there_and_no_others(field):
         oracle.cleaned_lane(str(field / "out"), lane, field / "one.toml"), lane.scene.lane
     )
     rng = np.random.default_rng(0)
-    looks = clutter.looks
+    looks = oracle.Looks(clutter.place, clutter.ahead, clutter.chips["full"])
     with_echo = []
     without = []
     for place in rng.choice(np.unique(looks.place), 12, replace=False):

@@ -36,15 +36,23 @@ def _table_lines(text: str, _: Arguments) -> Iterator[str]:
     yield text
 
 
-def _page_lines(text: str, call: Arguments) -> Iterator[str]:
+class RunText(str):
+    """The table of the scores, which knows the classes of one's own that did not finish."""
+
+    unfinished: tuple[str, ...] = ()
+
+
+def _page_lines(text: RunText, call: Arguments) -> Iterator[str]:
     """Yield the table of the scores, the address of the page, and what can be entered."""
     yield text
     yield f"page: {(Path(call.output) / 'index.html').resolve()}"
     for card in sorted(Path(call.output).glob("submissions/*/submission.toml")):
         yield f"to enter, once its card is right: {card.parent}"
+    if text.unfinished:
+        yield f"did not finish, and has no score where it failed: {', '.join(text.unfinished)}"
 
 
-@command(lines=_page_lines, resumes=True)
+@command(lines=_page_lines, status=lambda text: 1 if text.unfinished else 0, resumes=True)
 def run_benchmark(
     entries: Annotated[
         Sequence[str] | None,
@@ -64,7 +72,7 @@ def run_benchmark(
 ) -> str:
     """Make the lanes, train, freeze, detect on the test lanes, and score.
 
-    An interrupted run resumes.
+    An interrupted run resumes. A class of your own that does not finish ends it with status 1.
 
     Returns
     -------
@@ -72,11 +80,16 @@ def run_benchmark(
         The table of the scores.
     """
     from flgpr import proving_ground
+    from flgpr_ground.own import is_own, own_name
 
     options = run_options(workers, scheduler, track=track)
     proving_ground.run_benchmark(list(entries or ()), output, quick, options, ground, tier)
     proving_ground.write_submissions(output)
-    return proving_ground.write_score_tables([output], output)
+    text = RunText(proving_ground.write_score_tables([output], output))
+    names = [own_name(str(entry)) for entry in entries or () if is_own(entry)]
+    fault = " did not finish" + (f" on the tier {tier}" if tier else "")
+    text.unfinished = tuple(name for name in names if f"\n{name}{fault}" in text)
+    return text
 
 
 @command(lines=_table_lines)
@@ -172,12 +185,7 @@ def benchmark_template(
     return proving_ground.write_template(folder)
 
 
-def _listing_lines(lines: list[str], _: Arguments) -> Iterator[str]:
-    """Yield the lines of a listing."""
-    yield from lines
-
-
-@command(lines=_listing_lines, quiet=False)
+@command(quiet=False)
 def list_benchmark(
     quick: Quick = False,
     lanes: Annotated[

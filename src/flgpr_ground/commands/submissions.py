@@ -95,20 +95,18 @@ def describe_benchmark(
 def _fault_lines(checked: list[Submission], _: Arguments) -> Iterator[str]:
     """Yield every fault and note of every submission, and what it holds."""
     for submission in checked:
-        for fault in submission.faults:
-            yield f"{submission.folder}/{fault}"
-        for note in submission.notes:
-            yield f"note: {submission.folder}/{note}"
+        where = submission.folder
+        yield from (f"{where}/{fault}" for fault in submission.faults)
+        yield from (f"note: {where}/{note}" for note in submission.notes)
         count = len(submission.faults)
         if count:
-            yield f"{submission.folder}: {count} {'fault' if count == 1 else 'faults'}"
+            yield f"{where}: {count} {'fault' if count == 1 else 'faults'}"
             continue
-        alarms = sum(len(table) for table in submission.alarms.values())
-        lanes = sum(len(names) for names in submission.lanes.values())
-        splits = ", ".join(submission.alarms)
+        alarms = sum(map(len, submission.alarms.values()))
+        lanes = sum(map(len, submission.lanes.values()))
         yield (
-            f"{submission.folder}: {submission.name} is valid: {alarms} alarms in {lanes} lists "
-            f"of lanes; splits {splits}"
+            f"{where}: {submission.name} is valid: {alarms} alarms in {lanes} lists of lanes; "
+            f"splits {', '.join(submission.alarms)}"
         )
 
 
@@ -129,15 +127,10 @@ def _fault_object(checked: list[Submission], _: Arguments) -> dict[str, Any]:
     return {"submissions": objects}
 
 
-def _fault_status(checked: list[Submission]) -> int:
-    """Return the exit status: 2 if a submission breaks a rule."""
-    return _BROKEN if any(submission.faults for submission in checked) else 0
-
-
 @command(
     lines=_fault_lines,
     as_json=_fault_object,
-    status=_fault_status,
+    status=lambda checked: _BROKEN if any(one.faults for one in checked) else 0,
     quiet=False,
 )
 def validate_submissions(submissions: Submissions, ground: OwnGround = None) -> list[Submission]:
@@ -179,12 +172,7 @@ def enter_benchmark(
     return proving_ground.enter_submissions(submissions, output, ground)
 
 
-def _page_lines(path: Path, _: Arguments) -> Iterator[Path]:
-    """Yield the page."""
-    yield path
-
-
-@command(lines=_page_lines)
+@command()
 def benchmark_leaderboard(
     folders: Annotated[
         Sequence[str | Path],

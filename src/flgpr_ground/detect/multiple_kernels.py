@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Sequence
+from itertools import accumulate, pairwise
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -183,20 +184,16 @@ class _Kernels:
     """The kernel matrices of training examples, remembered where they are small enough."""
 
     def __init__(self, X: FloatArray, groups: Sequence[int], gamma: FloatArray) -> None:
+        self._given = list(zip(columns_of_groups(groups), gamma, strict=True))
         self._X = X
-        self._columns = list(columns_of_groups(groups))
-        self._gamma = gamma
         self._matrices: list[FloatArray] = []
         if 8 * len(groups) * len(X) ** 2 <= _REMEMBERED:
-            self._matrices = list(self._computed())
-
-    def _computed(self) -> Iterator[FloatArray]:
-        """Compute one matrix (sample, sample) after the other."""
-        for columns, gamma in zip(self._columns, self._gamma, strict=True):
-            yield rbf_kernel(self._X[:, columns], gamma=gamma)
+            self._matrices = list(self)
 
     def __iter__(self) -> Iterator[FloatArray]:
-        return iter(self._matrices or self._computed())
+        if self._matrices:
+            return iter(self._matrices)
+        return (rbf_kernel(self._X[:, columns], gamma=gamma) for columns, gamma in self._given)
 
     def weighted(self, weights: FloatArray) -> FloatArray:
         """Return the weighted sum of the matrices."""
@@ -207,18 +204,15 @@ class _Kernels:
 
     def norms(self, support: NDArray[np.int32], coefficients: FloatArray) -> FloatArray:
         """Return ``((α∘y)ᵀ K_m (α∘y))^½`` of every kernel."""
-        squares = []
-        for kernel in self:
-            squares.append(coefficients @ kernel[np.ix_(support, support)] @ coefficients)
+        among = np.ix_(support, support)
+        squares = [coefficients @ kernel[among] @ coefficients for kernel in self]
         return np.sqrt(np.maximum(squares, 0.0))
 
 
 def columns_of_groups(groups: Sequence[int]) -> Iterator[range]:
     """Yield the columns of every group of features that follow one another."""
-    first = 0
-    for count in groups:
-        yield range(first, first + count)
-        first += count
+    for first, end in pairwise([0, *accumulate(groups)]):
+        yield range(first, end)
 
 
 def _checked_groups(groups: Sequence[int] | None, features: int) -> tuple[int, ...]:

@@ -32,7 +32,7 @@ class Whitening(NamedTuple):
     def __call__(self, descriptors: FloatArray) -> FloatArray:
         """Return descriptors (..., component) in the principal directions (..., direction)."""
         with blas_on_one_thread():
-            return np.asarray((descriptors - self.mean) @ self.projection.T)
+            return (descriptors - self.mean) @ self.projection.T
 
 
 class Mixture(NamedTuple):
@@ -82,11 +82,16 @@ def learn_words(descriptors: FloatArray, count: int, seed: int) -> FloatArray:
         The words.
     """
     means = KMeans(count, n_init=_STARTS, max_iter=_ROUNDS, random_state=seed)
-    with threadpool_limits(1), warnings.catch_warnings():
-        # Fewer different examples than words: some words are then the same.
-        warnings.simplefilter("ignore", ConvergenceWarning)
-        means.fit(descriptors)
+    # Fewer different examples than words: some words are then the same.
+    _fit(means, descriptors)
     return floats(means.cluster_centers_)
+
+
+def _fit(model: KMeans | GaussianMixture, descriptors: FloatArray) -> None:
+    """Fit a model on one thread; what a hundred rounds found is what is used."""
+    with threadpool_limits(1), warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        model.fit(descriptors)
 
 
 def learn_mixture(descriptors: FloatArray, gaussians: int, seed: int) -> Mixture:
@@ -104,15 +109,9 @@ def learn_mixture(descriptors: FloatArray, gaussians: int, seed: int) -> Mixture
     mixture = GaussianMixture(
         gaussians, covariance_type="diag", max_iter=_ROUNDS, random_state=seed
     )
-    with threadpool_limits(1), warnings.catch_warnings():
-        # What a hundred rounds found is what is used.
-        warnings.simplefilter("ignore", ConvergenceWarning)
-        mixture.fit(descriptors)
-    return Mixture(
-        floats(mixture.weights_),
-        floats(mixture.means_),
-        np.sqrt(floats(mixture.covariances_)),
-    )
+    _fit(mixture, descriptors)
+    deviation = np.sqrt(floats(mixture.covariances_))
+    return Mixture(floats(mixture.weights_), floats(mixture.means_), deviation)
 
 
 def word_histograms(descriptors: FloatArray, dictionary: FloatArray, divisions: int) -> FloatArray:
@@ -188,4 +187,4 @@ def improved_fisher_vectors(vectors: AnyArray) -> FloatArray:
     """
     powered = np.sign(vectors) * np.sqrt(np.abs(vectors))
     norm = np.sqrt((powered**2).sum(axis=-1, keepdims=True))
-    return np.asarray(powered / np.where(norm > 0, norm, 1.0))
+    return powered / np.where(norm > 0, norm, 1.0)

@@ -49,12 +49,15 @@ def normalize_by_border(patches: AnyArray, known: BoolArray) -> FloatArray:
     count = known_border.sum(axis=(-2, -1), keepdims=True)
     values = np.where(known, patches, 0.0).astype(np.float64)
 
-    mean = np.where(known_border, values, 0.0).sum(axis=(-2, -1), keepdims=True)
-    mean = mean / np.maximum(count, 1)
-    squares = np.where(known_border, (values - mean) ** 2, 0.0).sum(axis=(-2, -1), keepdims=True)
-    deviation = np.sqrt(squares / np.maximum(count, 1))
+    def mean_of_border(of: FloatArray) -> FloatArray:
+        """Return the means (..., 1, 1) of the known pixels of the border."""
+        total = np.where(known_border, of, 0.0).sum(axis=(-2, -1), keepdims=True)
+        return total / np.maximum(count, 1)
+
+    mean = mean_of_border(values)
+    deviation = np.sqrt(mean_of_border((values - mean) ** 2))
     deviation = np.where(deviation > 0, deviation, 1.0)
-    return np.asarray(np.where(known & (count > 0), (values - mean) / deviation, 0.0))
+    return np.where(known & (count > 0), (values - mean) / deviation, 0.0)
 
 
 def oriented_gradients(patches: FloatArray, bins: int, signed: bool) -> FloatArray:
@@ -85,7 +88,7 @@ def oriented_gradients(patches: FloatArray, bins: int, signed: bool) -> FloatArr
     number = np.minimum((direction * (bins / turn)).astype(np.int64), bins - 1)
     in_bin = number[..., None, :, :] == np.arange(bins)[:, None, None]
     magnitude = np.hypot(along_v, along_u)
-    return np.asarray(np.where(in_bin, magnitude[..., None, :, :], 0.0))
+    return np.where(in_bin, magnitude[..., None, :, :], 0.0)
 
 
 def hog(patches: FloatArray, cell: int, block: int = 2, bins: int = 9) -> FloatArray:
@@ -141,7 +144,7 @@ def hog(patches: FloatArray, cell: int, block: int = 2, bins: int = 9) -> FloatA
 def _unit(vectors: FloatArray) -> FloatArray:
     """Scale vectors (..., component) to a norm of one."""
     norm = np.sqrt((vectors**2).sum(axis=-1, keepdims=True) + _EPSILON**2)
-    return np.asarray(vectors / norm)
+    return vectors / norm
 
 
 def local_binary_patterns(patches: FloatArray) -> IntArray:
@@ -174,18 +177,10 @@ def local_binary_patterns(patches: FloatArray) -> IntArray:
         """Return the value one pixel away on a diagonal, bilinear between four pixels."""
         sides = shifted(down, 0) + shifted(0, right)
         without_corner = (1 - offset) ** 2 * centre + offset * (1 - offset) * sides
-        return np.asarray(without_corner + offset**2 * shifted(down, right))
+        return without_corner + offset**2 * shifted(down, right)
 
-    neighbours = [
-        shifted(0, 1),
-        diagonal(-1, 1),
-        shifted(-1, 0),
-        diagonal(-1, -1),
-        shifted(0, -1),
-        diagonal(1, -1),
-        shifted(1, 0),
-        diagonal(1, 1),
-    ]
+    around = ((0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0), (1, 1))
+    neighbours = [diagonal(*at) if all(at) else shifted(*at) for at in around]
     bits = np.stack([neighbour >= centre for neighbour in neighbours])
     changes = (bits != np.roll(bits, 1, axis=0)).sum(axis=0)
     return np.where(changes <= 2, bits.sum(axis=0), _NEIGHBOURS + 1)
@@ -209,8 +204,7 @@ def lbp_histograms(patches: FloatArray, divisions: int) -> FloatArray:
     """
     codes = local_binary_patterns(patches)
     is_code = codes[..., None] == np.arange(LBP_CODES)
-    blocks = split_grid(is_code.astype(np.float64), divisions)
-    shares = [block.mean(axis=-2) for block in blocks]
+    shares = [block.mean(axis=-2) for block in split_grid(is_code.astype(np.float64), divisions)]
     return np.stack(shares, axis=-2).reshape(*patches.shape[:-2], -1)
 
 
@@ -239,11 +233,11 @@ def split_grid(values: FloatArray, divisions: int) -> list[FloatArray]:
         raise ValueError(
             f"grid must have {divisions} places or more each way, got {rows} x {columns}"
         )
-    split = []
-    for band in np.array_split(values, divisions, axis=-3):
-        for block in np.array_split(band, divisions, axis=-2):
-            split.append(block.reshape(*block.shape[:-3], -1, block.shape[-1]))
-    return split
+    return [
+        block.reshape(*block.shape[:-3], -1, block.shape[-1])
+        for band in np.array_split(values, divisions, axis=-3)
+        for block in np.array_split(band, divisions, axis=-2)
+    ]
 
 
 def pixel_windows(patches: FloatArray, size: int, step: int) -> FloatArray:

@@ -84,7 +84,7 @@ def spectrograms(
     window /= window.sum(axis=1, keepdims=True)
     rotation = np.exp(-1j * wavenumbers[:, None, :] * offsets[None, :, None])
     transformed = (profiles[:, None, :] * window) @ rotation
-    return np.asarray(np.abs(transformed) ** 2)
+    return np.abs(transformed) ** 2
 
 
 def reflection_features(
@@ -164,4 +164,4 @@ def _entropy(energy: FloatArray) -> FloatArray:
     """Return Rényi's entropy (profile,) of the third order, bits."""
     total = np.maximum(energy.sum(axis=(1, 2), keepdims=True), _TINY)
     cubes = ((energy / total) ** 3).sum(axis=(1, 2))
-    return np.asarray(-0.5 * np.log2(np.maximum(cubes, _TINY)))
+    return -0.5 * np.log2(np.maximum(cubes, _TINY))

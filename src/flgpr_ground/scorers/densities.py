@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
+from scipy.special import logsumexp
 
 from flgpr.detect.scorers.checks import Checked, StoredScorer, refuse_unless
 from flgpr.types import FloatArray, floats
 
-METRICS = ("minkowski", "euclidean", "manhattan", "chebyshev")
 METHODS = ("largest", "mean", "median")
 _DISTANCES_AT_ONCE = 2**22  # in memory
 
@@ -49,12 +49,8 @@ class MixtureScorer(StoredScorer):
             distance = np.sum(((z - mean) @ root) ** 2, axis=1)
             log_determinant = np.sum(np.log(np.diagonal(root)))  # of the root
             logs[:, k] = np.log(share) + log_determinant - distance / 2
-
-        # The largest is taken out of the exponentials, which would all vanish far from the means.
-        largest = logs.max(axis=1, keepdims=True)
-        density = np.log(np.sum(np.exp(logs - largest), axis=1)) + largest[:, 0]
         constant = z.shape[1] / 2 * math.log(2 * math.pi)
-        return np.asarray(density - constant - self.offset)
+        return logsumexp(logs, axis=1) - constant - self.offset
 
     @classmethod
     def of(cls, estimator: Any) -> Self:
@@ -64,18 +60,11 @@ class MixtureScorer(StoredScorer):
         roots = floats(mixture.precisions_cholesky_)
         if mixture.covariance_type == "tied":
             roots = np.broadcast_to(roots, (count, features, features))
-        elif mixture.covariance_type == "diag":
-            roots = roots[:, :, None] * np.eye(features)
-        elif mixture.covariance_type == "spherical":
-            roots = roots[:, None, None] * np.eye(features)
-        return cls(
-            np.array(estimator.center_, dtype=np.float64),
-            np.array(estimator.scale_, dtype=np.float64),
-            np.array(mixture.weights_, dtype=np.float64),
-            np.array(mixture.means_, dtype=np.float64),
-            np.array(roots),
-            float(estimator.offset_),
-        )
+        elif mixture.covariance_type in ("diag", "spherical"):
+            roots = roots.reshape(count, -1, 1) * np.eye(features)
+        arrays = (estimator.center_, estimator.scale_, mixture.weights_, mixture.means_, roots)
+        centre, scale, share, mean, root = (np.array(array, dtype=np.float64) for array in arrays)
+        return cls(centre, scale, share, mean, root, float(estimator.offset_))
 
     @classmethod
     def taken(cls, checked: Checked, features: int) -> Self:
@@ -117,7 +106,7 @@ class TailScorer(StoredScorer):
             return np.zeros(0)
         left, right, skewed = tail_logs(np.concatenate([self.examples, X]))
         scores = self._joined(left, right, skewed).sum(axis=1)
-        return np.asarray(scores[-len(X) :])
+        return scores[-len(X) :]
 
     @staticmethod
     def _joined(left: FloatArray, right: FloatArray, skewed: FloatArray) -> FloatArray:
@@ -159,10 +148,8 @@ def tail_logs(X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     left, right, skewed : (n_samples, n_features) ndarray
         Negative logarithms of the shares.
     """
-    left = -np.log(_share_up_to(X))
-    right = -np.log(_share_up_to(-X))
-    centred = X - X.mean(axis=0)
-    side = np.sign(np.mean(centred**3, axis=0))
+    left, right = (-np.log(_share_up_to(values)) for values in (X, -X))
+    side = np.sign(np.mean((X - X.mean(axis=0)) ** 3, axis=0))
     # A symmetric feature counts both tails.
     skewed = -left * np.sign(side - 1) + right * np.sign(side + 1)
     return left, right, skewed
@@ -170,12 +157,8 @@ def tail_logs(X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 def _share_up_to(X: FloatArray) -> FloatArray:
     """Return the share of samples that are at most as large, feature by feature."""
-    share = np.empty_like(X)
-    for feature in range(X.shape[1]):
-        column = X[:, feature]
-        up_to = np.searchsorted(np.sort(column), column, side="right")
-        share[:, feature] = up_to / len(column)
-    return share
+    columns = [np.searchsorted(np.sort(column), column, side="right") for column in X.T]
+    return np.stack(columns, axis=1) / len(X)
 
 
 @dataclass(frozen=True)
@@ -202,10 +185,10 @@ class NeighbourScorer(StoredScorer):
         """Score samples that are few enough for all their distances to be in memory."""
         nearest = np.sort(self._distances(X), axis=1)[:, : self.neighbours]
         if self.method == "largest":
-            return np.asarray(nearest[:, -1])
-        if self.method == "mean":
-            return np.asarray(nearest.mean(axis=1))
-        return np.asarray(np.median(nearest, axis=1))
+            return nearest[:, -1]
+        return np.asarray(
+            nearest.mean(axis=1) if self.method == "mean" else np.median(nearest, axis=1)
+        )
 
     def _distances(self, X: FloatArray) -> FloatArray:
         """Return the distances (n_samples, n_examples)."""
@@ -214,28 +197,24 @@ class NeighbourScorer(StoredScorer):
             difference = np.abs(X[:, feature, None] - self.examples[:, feature])
             if self.power == 0:
                 total = np.maximum(total, difference)
-                continue
-            total = total + difference**self.power
-        if self.power == 0:
-            return total
-        return np.asarray(total ** (1 / self.power))
+            else:
+                total = total + difference**self.power
+        return total if self.power == 0 else np.asarray(total ** (1 / self.power))
 
     @classmethod
     def of(cls, estimator: Any) -> Self:
-        """Return the scorer of a fitted estimator of PyOD, with one of the ``METRICS``."""
+        """Return the scorer of a fitted estimator of PyOD, with one of four metrics."""
         metric = estimator.metric
-        known = isinstance(metric, str) and metric in METRICS and not estimator.metric_params
-        refuse_unless(known, f"metric must be one of {', '.join(METRICS)} for a detector", metric)
-        powers = {
-            "minkowski": float(estimator.p),
-            "euclidean": 2.0,
-            "manhattan": 1.0,
-            "chebyshev": 0.0,
-        }
-        power = powers[metric]
-        examples = np.array(estimator.neigh_._fit_X, dtype=np.float64)
-        neighbours = int(estimator.n_neighbors)
-        return cls(examples, neighbours, str(estimator.method), power, float(estimator.threshold_))
+        powers = {"minkowski": estimator.p, "euclidean": 2, "manhattan": 1, "chebyshev": 0}
+        known = isinstance(metric, str) and metric in powers and not estimator.metric_params
+        refuse_unless(known, f"metric must be one of {', '.join(powers)} for a detector", metric)
+        return cls(
+            np.array(estimator.neigh_._fit_X, dtype=np.float64),
+            int(estimator.n_neighbors),
+            str(estimator.method),
+            float(powers[metric]),
+            float(estimator.threshold_),
+        )
 
     @classmethod
     def taken(cls, checked: Checked, features: int) -> Self:

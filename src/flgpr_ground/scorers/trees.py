@@ -12,6 +12,7 @@ from flgpr.detect.scorers.checks import Checked, StoredScorer, refuse_unless
 from flgpr.types import AnyArray, FloatArray, IntArray, floats
 
 _LEAF = -1
+_COLUMNS = ("left", "right", "feature", "split")
 _LARGEST_DEPTH = 4096  # nodes on the way to a leaf, more than any forest of alarms has
 
 
@@ -62,29 +63,21 @@ class Trees:
 
         The children of a tree count from its own first node.
         """
-        names = ("left", "right", "feature", "split", "value")
-        columns: dict[str, list[AnyArray]] = {name: [] for name in names}
+        types = {"left": "i8", "right": "i8", "feature": "i8", "split": "f8", "value": "f8"}
+        columns: dict[str, list[AnyArray]] = {name: [] for name in types}
         first = []
         count = 0
         for tree in trees:
-            left = np.asarray(tree["left"])
-            right = np.asarray(tree["right"])
-            leaf = left < 0
+            leaf = np.asarray(tree["left"]) < 0
             first.append(count)
-            columns["left"].append(np.where(leaf, _LEAF, left + count))
-            columns["right"].append(np.where(leaf, _LEAF, right + count))
-            columns["feature"].append(np.where(leaf, 0, tree["feature"]))
-            columns["split"].append(np.where(leaf, 0.0, tree["split"]))
+            for name in ("left", "right"):
+                columns[name].append(np.where(leaf, _LEAF, np.asarray(tree[name]) + count))
+            for name in ("feature", "split"):
+                columns[name].append(np.where(leaf, 0, tree[name]))
             columns["value"].append(floats(tree["value"]))
             count += len(leaf)
-        return cls(
-            np.array(first, dtype=np.int64),
-            np.concatenate(columns["left"]).astype(np.int64),
-            np.concatenate(columns["right"]).astype(np.int64),
-            np.concatenate(columns["feature"]).astype(np.int64),
-            np.concatenate(columns["split"]).astype(np.float64),
-            np.concatenate(columns["value"]).astype(np.float64),
-        )
+        joined = [np.concatenate(columns[name]).astype(of) for name, of in types.items()]
+        return cls(np.array(first, dtype=np.int64), *joined)
 
     @classmethod
     def taken(cls, checked: Checked, features: int) -> Self:
@@ -93,15 +86,10 @@ class Trees:
         A path that could leave its tree, or not end, is a ValueError.
         """
         value = checked.array("value", (None,))
-        count = len(value)
-        trees = cls(
-            checked.array("first", (None,), np.int64),
-            checked.array("left", (count,), np.int64),
-            checked.array("right", (count,), np.int64),
-            checked.array("feature", (count,), np.int64),
-            checked.array("split", (count,)),
-            value,
-        )
+        nodes = (len(value),)
+        left, right, feature = (checked.array(name, nodes, np.int64) for name in _COLUMNS[:3])
+        first = checked.array("first", (None,), np.int64)
+        trees = cls(first, left, right, feature, checked.array("split", nodes), value)
         _check_paths(trees, features)
         return trees
 
@@ -141,12 +129,8 @@ def _check_paths(trees: Trees, features: int) -> None:
 
 def _table_of(tree: Any) -> dict[str, Any]:
     """Return the nodes of one of scikit-learn's trees."""
-    return {
-        "left": tree.children_left,
-        "right": tree.children_right,
-        "feature": tree.feature,
-        "split": tree.threshold,
-    }
+    columns = (tree.children_left, tree.children_right, tree.feature, tree.threshold)
+    return dict(zip(_COLUMNS, columns, strict=True))
 
 
 @dataclass(frozen=True)
@@ -162,9 +146,7 @@ class ForestScorer(StoredScorer):
     def __call__(self, X: FloatArray) -> FloatArray:
         """Score samples (n_samples, n_features), which the trees take in single precision."""
         p = self.trees.total(X.astype(np.float32)) / len(self.trees.first)
-        log_mine = np.log(np.maximum(p, 1e-12))
-        log_clutter = np.log(np.maximum(1 - p, 1e-12))
-        return np.asarray(log_mine - log_clutter)
+        return np.log(np.maximum(p, 1e-12)) - np.log(np.maximum(1 - p, 1e-12))
 
     @classmethod
     def of(cls, estimator: Any) -> Self:
@@ -197,7 +179,7 @@ class BoostedScorer(StoredScorer):
 
     def __call__(self, X: FloatArray) -> FloatArray:
         """Score samples (n_samples, n_features)."""
-        return np.asarray(self.baseline + self.trees.total(X))
+        return self.baseline + self.trees.total(X)
 
     @classmethod
     def of(cls, estimator: Any) -> Self:
@@ -211,15 +193,11 @@ class BoostedScorer(StoredScorer):
             rule = "features must be numbers without categories for a detector"
             refuse_unless(categories == 0, rule, categories)
             leaf = nodes["is_leaf"].astype(bool)
-            tables.append(
-                {
-                    "left": np.where(leaf, _LEAF, nodes["left"].astype(np.int64)),
-                    "right": np.where(leaf, _LEAF, nodes["right"].astype(np.int64)),
-                    "feature": nodes["feature_idx"],
-                    "split": nodes["num_threshold"],
-                    "value": nodes["value"],
-                }
+            left, right = (
+                np.where(leaf, _LEAF, nodes[name].astype(np.int64)) for name in ("left", "right")
             )
+            columns = (left, right, nodes["feature_idx"], nodes["num_threshold"])
+            tables.append(dict(zip(_COLUMNS, columns, strict=True)) | {"value": nodes["value"]})
         return cls(Trees.joined(tables), float(np.ravel(estimator._baseline_prediction)[0]))
 
     @classmethod
@@ -246,7 +224,7 @@ class IsolationScorer(StoredScorer):
         lengths = self.trees.total(X.astype(np.float32))
         scale = len(self.trees.first) * self.mean_length
         relative = lengths / scale if scale > 0 else np.ones_like(lengths)
-        return np.asarray(-(2.0**-relative) - self.offset)
+        return -(2.0**-relative) - self.offset
 
     @classmethod
     def of(cls, estimator: Any) -> Self:
@@ -275,11 +253,9 @@ class IsolationScorer(StoredScorer):
 def _path_lengths(tree: Any) -> FloatArray:
     """Return each node's depth plus the mean length of a tree grown from its examples."""
     depth = np.zeros(tree.node_count)
-    for node in range(tree.node_count):  # children have larger numbers than their parents
-        if tree.children_left[node] >= 0:
-            depth[tree.children_left[node]] = depth[node] + 1
-            depth[tree.children_right[node]] = depth[node] + 1
-    return np.asarray(depth + _mean_path_length(tree.n_node_samples))
+    for node in np.flatnonzero(tree.children_left >= 0):  # children have larger numbers
+        depth[[tree.children_left[node], tree.children_right[node]]] = depth[node] + 1
+    return depth + _mean_path_length(tree.n_node_samples)
 
 
 def _mean_path_length(count: AnyArray) -> FloatArray:
@@ -290,7 +266,5 @@ def _mean_path_length(count: AnyArray) -> FloatArray:
     """
     n = floats(count)
     several = np.maximum(n, 3.0)
-    harmonic = np.log(several - 1) + np.euler_gamma
-    length = 2 * harmonic - 2 * (several - 1) / several
-    of_two_or_more = np.where(n == 2, 1.0, length)
-    return np.asarray(np.where(n <= 1, 0.0, of_two_or_more))
+    length = 2 * (np.log(several - 1) + np.euler_gamma) - 2 * (several - 1) / several
+    return np.select([n <= 1, n == 2], [0.0, 1.0], length)

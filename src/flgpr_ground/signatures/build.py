@@ -5,19 +5,16 @@ from __future__ import annotations
 import io
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable
 from hashlib import sha256
-from operator import attrgetter
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-from flgpr import system
 from flgpr.archive import array_bytes, npy_header
 from flgpr.door import Folder, open_own, refuse_links
+from flgpr.jobs.workers import InProcess, Processes, Report
 from flgpr.simulate.bodies.signature import table as nodes
 from flgpr.simulate.bodies.signature.body import Body
 from flgpr.simulate.bodies.signature.table import SignatureTable
@@ -30,18 +27,6 @@ _CELLS = (8, 40)  # per wavelength, at least and at most
 # Dipoles at most: of an M19 6.4 mm, coarse at the top of the band and in wet soil.
 _BOX_CELLS = 40_000
 _EIGHTH_OF_TURN = 10  # aspects from 0 to 45 degrees
-
-
-class _Piece(NamedTuple):
-    """One soil and frequency of a body, by their numbers in the table."""
-
-    soil: int
-    frequency: int
-
-    @property
-    def file(self) -> str:
-        """Name of its file in the work folder."""
-        return f"{self.soil}-{self.frequency}.npy"
 
 
 def build_table(
@@ -76,58 +61,38 @@ def build_table(
     refuse_links(folder)
     folder.mkdir(parents=True, exist_ok=True)
     shape = (nodes.PERMITTIVITY.size, nodes.FREQUENCY.size)
-    pieces = [_Piece(soil, frequency) for soil, frequency in np.ndindex(shape)]
-    missing = [piece for piece in pieces if not (folder / piece.file).is_file()]
-    done = len(pieces) - len(missing)
-    for _ in _solve_pieces(body, folder, missing, workers):
-        done += 1
-        if progress is not None:
-            progress(done, len(pieces))
-    values = np.stack([_read_piece(folder, piece) for piece in pieces])
+    files = {piece: folder / f"{piece[0]}-{piece[1]}.npy" for piece in np.ndindex(shape)}
+    missing = [(body, *piece, str(file)) for piece, file in files.items() if not file.is_file()]
+    missing.sort(key=lambda of_piece: -of_piece[2])  # high tones take longest
+    done = len(files) - len(missing)
+    with Processes(workers) if workers > 1 else InProcess() as executor:
+        for _ in executor.run(_solve_and_store, missing):
+            done += 1
+            if progress is not None:
+                progress(done, len(files))
+    values = np.stack([_read_piece(file) for file in files.values()])
     return SignatureTable(body, values.reshape(*shape, *values.shape[1:]).astype(np.complex64))
 
 
-def _read_piece(folder: Path, piece: _Piece) -> ComplexArray:
+def _read_piece(file: Path) -> ComplexArray:
     """Return a stored piece; a file that holds something else is a ValueError."""
-    data = Folder(folder).read(piece.file)
+    data = Folder(file.parent).read(file.name)
     shape, dtype, head = npy_header(io.BytesIO(data))
     if dtype != np.complex64 or head + array_bytes(shape, dtype) != len(data):
-        raise ValueError(
-            f"{folder / piece.file} must hold a piece of a table, got {shape} {dtype}: take it away"
-        )
-    return np.asarray(np.load(io.BytesIO(data), allow_pickle=False))
+        raise ValueError(f"{file} must hold a piece of a table, got {shape} {dtype}: take it away")
+    return np.load(io.BytesIO(data), allow_pickle=False)
 
 
-def _solve_pieces(
-    body: Body, folder: Path, pieces: Iterable[_Piece], workers: int
-) -> Iterator[None]:
-    """Solve and store pieces, high tones first as they take longest; yield after each."""
-    ordered = sorted(pieces, key=attrgetter("frequency"), reverse=True)
-    if workers == 1:
-        for piece in ordered:
-            _solve_and_store(body, folder, piece)
-            yield
-        return
-    with ProcessPoolExecutor(workers, initializer=system.begin_worker) as pool:
-        futures = [pool.submit(_solve_and_store, body, folder, piece) for piece in ordered]
-        try:
-            for future in as_completed(futures):
-                future.result()
-                yield
-        except BaseException:  # pieces that have not begun would be waited for
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-
-
-def _solve_and_store(body: Body, folder: Path, piece: _Piece) -> None:
+def _solve_and_store(body: Body, soil: int, frequency: int, file: str) -> Report:
     """Solve a piece and store it; its file is complete as soon as it has its name."""
     with threadpool_limits(1):
-        amplitudes = solve_piece(body, *piece)
-    incomplete = folder / (piece.file + ".part")
-    refuse_links(incomplete, folder / piece.file)
-    with open(incomplete, "wb", opener=open_own) as file:
-        np.save(file, amplitudes, allow_pickle=False)
-    incomplete.rename(folder / piece.file)
+        amplitudes = solve_piece(body, soil, frequency)
+    incomplete = Path(f"{file}.part")
+    refuse_links(incomplete, Path(file))
+    with open(incomplete, "wb", opener=open_own) as stream:
+        np.save(stream, amplitudes, allow_pickle=False)
+    incomplete.rename(file)
+    return {}
 
 
 def solve_piece(body: Body, soil: int, frequency: int) -> ComplexArray:

@@ -237,7 +237,10 @@ class ClassSystem:
         self.scale = scale
         self.symbols = symbols
         self.shape = scale.shape
-        self._coupling = _couplings(parity)
+        # Signs with which a component's spectrum enters another's: an odd kernel makes -cos of sin,
+        # but sin of cos.
+        in_x, in_y = parity
+        self._coupling = [[1, -in_x * in_y, in_x], [-in_x * in_y, 1, in_y], [-in_x, -in_y, 1]]
         self._forward = [_transforms(scale.shape[1 + axis], parity[axis]) for axis in range(2)]
         length = 2 * scale.shape[3] - 1
         angle = 2j * np.pi / length * np.outer(np.arange(scale.shape[3]), np.arange(length))
@@ -262,14 +265,14 @@ class ClassSystem:
         nx, ny, nz = field.shape
         in_x = self._forward[0][component == 0][0] @ field.reshape(nx, -1).view(np.float32)
         in_y = self._forward[1][component == 1][0] @ in_x.reshape(-1, ny, 2 * nz)
-        return np.asarray(in_y.view(np.complex64) @ self._down)
+        return in_y.view(np.complex64) @ self._down
 
     def _field(self, spectrum: ComplexArray, component: int) -> ComplexArray:
         """Return the field of one component of a spectrum."""
         in_z = (spectrum @ self._up).view(np.float32)
         in_y = self._forward[1][component == 1][1] @ in_z
         in_x = self._forward[0][component == 0][1] @ in_y.reshape(in_y.shape[0], -1)
-        return np.asarray(in_x.view(np.complex64).reshape(self.shape[1:]))
+        return in_x.view(np.complex64).reshape(self.shape[1:])
 
 
 def _transforms(count: int, parity: int) -> list[tuple[Float32Array, Float32Array]]:
@@ -289,15 +292,6 @@ def _transforms(count: int, parity: int) -> list[tuple[Float32Array, Float32Arra
     return matrices
 
 
-def _couplings(parity: tuple[int, int]) -> list[list[int]]:
-    """Return the signs with which a component's spectrum enters another's.
-
-    An odd kernel makes -cos of sin, but sin of cos.
-    """
-    in_x, in_y = parity
-    return [[1, -in_x * in_y, in_x], [-in_x * in_y, 1, in_y], [-in_x, -in_y, 1]]
-
-
 def _wave_columns(
     lattice: Lattice, scale: ComplexArray, k: complex, waves: Waves, parity: tuple[int, int]
 ) -> ComplexArray:
@@ -307,9 +301,7 @@ def _wave_columns(
     down = np.sqrt(k**2 - waves.transverse**2)
     cosine = np.cos(waves.azimuth)
     sine = np.sin(waves.azimuth)
-    x = (np.arange(nx) + 0.5) * lattice.cell
-    y = (np.arange(ny) + 0.5) * lattice.cell
-    z = (np.arange(nz) + 0.5) * lattice.cell
+    x, y, z = ((np.arange(count) + 0.5) * lattice.cell for count in (nx, ny, nz))
     in_x = _by_parity(kappa * cosine, x, parity[0])
     in_y = _by_parity(kappa * sine, y, parity[1])
     in_z = np.exp(-1j * np.outer(z, down)).astype(np.complex64)
@@ -341,15 +333,23 @@ def _project(system: ClassSystem, columns: ComplexArray) -> Complex128Array:
     The space grows until all residuals are small. With ``x ≈ M⁻¹·a`` of least residual the value is
     ``aᵀ·x + xᵀ·a - xᵀ·M·x``, stationary as M is symmetric.
     """
-    start = _directions(columns)
-    residual = start
+    # Fewer directions that nearly span the columns, each as long as it matters.
+    sample = columns[:: max(1, columns.shape[0] // _SAMPLE)].astype(complex)
+    power, mixing = np.linalg.eigh(sample.conj().T @ sample)
+    strong = power > (_RANK * np.linalg.norm(sample, axis=0).max()) ** 2
+    start = residual = columns @ mixing[:, strong].astype(np.complex64)
     norm = float(np.linalg.norm(columns, axis=0).max())
     basis = start[:, :0]
     image = start[:, :0]
     gram = np.zeros((0, 0), complex)
     sources = np.zeros((0, start.shape[1]), complex)
     for _ in range(_BLOCKS):
-        fresh = _orthonormal(residual, basis, _RESIDUAL * norm)
+        # Orthonormal directions of the residual outside the basis, longer than it may stay.
+        for _ in range(2):  # once more for what rounding leaves
+            residual = residual - basis @ (basis.conj().T @ residual)
+        weight, mixing = np.linalg.eigh((residual.conj().T @ residual).astype(complex))
+        long = weight > (_RESIDUAL * norm) ** 2
+        fresh = residual @ (mixing[:, long] / np.sqrt(weight[long])).astype(np.complex64)
         if fresh.shape[1] == 0:
             break
         answer = np.stack([system.apply(v) for v in fresh.T.copy()], axis=1)
@@ -365,27 +365,7 @@ def _project(system: ClassSystem, columns: ComplexArray) -> Complex128Array:
     solution = np.linalg.solve(gram, image.conj().T @ columns)
     once = solution.T @ (basis.T @ columns)
     twice = solution.T @ (basis.T @ image) @ solution
-    return np.asarray(once + once.T - (twice + twice.T) / 2)
-
-
-def _directions(columns: ComplexArray) -> ComplexArray:
-    """Return fewer columns that nearly span these, each as long as it matters."""
-    stride = max(1, columns.shape[0] // _SAMPLE)
-    sample = columns[::stride].astype(complex)
-    power, mixing = np.linalg.eigh(sample.conj().T @ sample)
-    norm = np.linalg.norm(sample, axis=0).max()
-    strong = power > (_RANK * norm) ** 2
-    return np.asarray(columns @ mixing[:, strong].astype(np.complex64))
-
-
-def _orthonormal(block: ComplexArray, basis: ComplexArray, least: float) -> ComplexArray:
-    """Return orthonormal directions of a block, outside a basis, longer than ``least``."""
-    for _ in range(2):  # once more for what rounding leaves
-        block = block - basis @ (basis.conj().T @ block)
-    weight, mixing = np.linalg.eigh((block.conj().T @ block).astype(complex))
-    long = weight > least**2
-    unit_length = mixing[:, long] / np.sqrt(weight[long])
-    return np.asarray(block @ unit_length.astype(np.complex64))
+    return once + once.T - (twice + twice.T) / 2
 
 
 _LAYER_CELLS = 2  # at least, in the thinnest layer
@@ -437,10 +417,27 @@ def solve_box(
     ValueError
         If the body is no box without metal, or a number is outside its range.
     """
-    s = np.atleast_1d(np.asarray(sines, dtype=float))
-    aspect = np.atleast_1d(np.asarray(aspects, dtype=float))
-    separation = np.atleast_1d(np.asarray(separations, dtype=float))
-    _check(body, frequency, permittivity, s, cells_per_wavelength)
+    s, aspect, separation = (
+        np.atleast_1d(np.asarray(values, dtype=float)) for values in (sines, aspects, separations)
+    )
+    eps = complex(permittivity)
+    for fits, rule, got in (
+        (body.shape == "box" and not body.metal, "body must be a box without metal", body.name),
+        (frequency > 0, "frequency must be positive", frequency),
+        (
+            eps.real >= 1 and eps.imag <= 0,
+            "permittivity must be of real part >= 1 and imaginary part <= 0",
+            permittivity,
+        ),
+        (((s >= 0) & (s < 1)).all(), "sines must be from 0 to below 1", s),
+        (
+            cells_per_wavelength >= 4,
+            "cells_per_wavelength must be at least 4",
+            cells_per_wavelength,
+        ),
+    ):
+        if not fits:
+            raise ValueError(f"{rule}, got {got}")
     wavenumber = 2 * math.pi * frequency / SPEED_OF_LIGHT
 
     sent = aspect[:, None] - separation / 2
@@ -461,25 +458,6 @@ def solve_box(
     # Axes: sine, aspect, separation, receiver, transmitter.
     pairs = full[:, sine, receive, :, sine, transmit]
     return np.ascontiguousarray(np.swapaxes(pairs, -1, -2).reshape(*pairs.shape[:3], 4))
-
-
-def _check(
-    body: Body, frequency: float, permittivity: complex, sines: FloatArray, cells: float
-) -> None:
-    """Raise a ValueError that names the first argument of a box which breaks its rule."""
-    if body.shape != "box" or body.metal:
-        raise ValueError(f"body must be a box without metal, got {body.name}")
-    if not frequency > 0:
-        raise ValueError(f"frequency must be positive, got {frequency}")
-    eps = complex(permittivity)
-    if not (eps.real >= 1 and eps.imag <= 0):
-        raise ValueError(
-            f"permittivity must be of real part >= 1 and imaginary part <= 0, got {permittivity}"
-        )
-    if not ((sines >= 0) & (sines < 1)).all():
-        raise ValueError(f"sines must be from 0 to below 1, got {sines}")
-    if not cells >= 4:
-        raise ValueError(f"cells_per_wavelength must be at least 4, got {cells}")
 
 
 def choose_cell(
@@ -507,20 +485,14 @@ def lattice_of(body: Body, permittivity: complex, cell: float) -> Lattice:
     """
     widths = [0.0, *body.radii()]
     lengths = [body.elongation * width for width in widths]
-    drops = body.drops()
-    x = _midpoints(lengths)
-    y = _midpoints(widths)
+    edges = lengths, widths, body.drops()
+    x, y, z = (np.array([(low + high) / 2 for low, high in pairwise(axis)]) for axis in edges)
     half_width = np.maximum(x[:, None] / body.elongation, y)
-    media = body.permittivity(half_width[..., None], _midpoints(drops), permittivity)
+    media = body.permittivity(half_width[..., None], z, permittivity)
     media = np.pad(media, [(0, 1)] * 3, constant_values=permittivity)
-    shares = [_shares(edges, cell) for edges in (lengths, widths, drops)]
+    shares = [_shares(axis, cell) for axis in edges]
     by_axis = [_average(media, shares, axis) for axis in range(3)]
     return Lattice(cell, np.stack(by_axis, axis=-1))
-
-
-def _midpoints(edges: list[float]) -> FloatArray:
-    """Return the middles between edges."""
-    return np.array([(lower + upper) / 2 for lower, upper in pairwise(edges)])
 
 
 def _shares(edges: list[float], cell: float) -> FloatArray:
@@ -537,7 +509,7 @@ def _average(media: Complex128Array, shares: list[FloatArray], along: int) -> Co
     for axis in range(3):
         if axis != along:
             media = _weigh(shares[axis], media, axis)
-    return np.asarray(1 / _weigh(shares[along], 1 / media, along))
+    return 1 / _weigh(shares[along], 1 / media, along)
 
 
 def _weigh(share: FloatArray, values: Complex128Array, axis: int) -> Complex128Array:

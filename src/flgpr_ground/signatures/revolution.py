@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
+from scipy.sparse import bmat, diags, identity, kron, lil_matrix
 from scipy.sparse.linalg import splu
 from scipy.special import jv
 
@@ -122,9 +122,8 @@ def make_grid(
 
     # Nodes of the absorbing layers outside, above and below.
     in_soil = wavenumber * math.sqrt(soil.real)
-    in_cover = in_soil if cover is None else wavenumber
     out = _absorber(cell, rho[-1] - rho[-2], in_soil)
-    up = _absorber(cell, z[-1] - z[-2], in_cover)
+    up = _absorber(cell, z[-1] - z[-2], in_soil if cover is None else wavenumber)
     down = _absorber(cell, z[1] - z[0], in_soil)
     rho = np.concatenate([rho, rho[-1] + out])
     z = np.concatenate([(z[0] - down)[::-1], z, z[-1] + up])
@@ -133,10 +132,9 @@ def make_grid(
     centre_z = (z[1:] + z[:-1]).real / 2
     surface = math.inf if cover is None else cover
     ground = np.where(centre_z > surface, 1.0, soil)
-    half_width = centre_rho[:, None]
-    drop = -centre_z[None, :]
-    inside = body.inside(half_width, drop)
-    permittivity = np.where(inside, body.permittivity(half_width, drop, soil), ground)
+    place = centre_rho[:, None], -centre_z[None, :]
+    inside = body.inside(*place)
+    permittivity = np.where(inside, body.permittivity(*place, soil), ground)
     return YeeGrid(rho.astype(complex), z.astype(complex), permittivity, inside, ground)
 
 
@@ -169,7 +167,7 @@ class ModalSolver:
         curl = _curl_curl(grid, mode, edges)
         ground = edges.average(np.broadcast_to(grid.ground, grid.permittivity.shape))
         contrast = edges.average(grid.permittivity) - ground
-        outside = (curl - self.k0**2 * sp.diags(ground)).tocsr()
+        outside = (curl - self.k0**2 * diags(ground)).tocsr()
         self._body = np.flatnonzero(edges.touching(grid.inside) & edges.used)
         metal = np.isnan(contrast)
         self._metal = metal[self._body]
@@ -181,7 +179,7 @@ class ModalSolver:
         self._solved = solved
         self._count = edges.count
         self._to_metal = outside[solved][:, self._body[self._metal]]
-        added = sp.diags(self.k0**2 * np.where(metal, 0, contrast)[solved])
+        added = diags(self.k0**2 * np.where(metal, 0, contrast)[solved])
         system = outside[solved][:, solved] - added
         self._factor = splu(
             system.tocsc(),
@@ -206,10 +204,9 @@ class ModalSolver:
             Fields, H before V.
         """
         rho, z, kind = self._positions
-        horizontal, vertical = wave_modes(
-            transverse, self.ks, rho[self._body], z[self._body], kind[self._body], mode
-        )
-        return np.concatenate([horizontal, vertical], axis=1)
+        body = self._body
+        fields = wave_modes(transverse, self.ks, rho[body], z[body], kind[body], mode)
+        return np.concatenate(fields, axis=1)
 
     def answer(self, transverse: Complex128Array) -> Complex128Array:
         """Return ``T[test, incident]``, m, for all pairs of downgoing waves, H before V.
@@ -229,15 +226,12 @@ class ModalSolver:
         scale = np.linalg.norm(incident, axis=0)
         scale[scale == 0] = 1.0
         basis, weight, mixing = np.linalg.svd(incident / scale, full_matrices=False)
-        strong = np.zeros(weight.size, bool)
-        if weight[0] > 0:
-            strong = weight > _RANK * weight[0]
+        strong = (weight > 0) & (weight > _RANK * weight[0])
         source = self._source(basis[:, strong])
 
         ring = 2 * np.pi * self._volume[self._body]
         test = self.waves(transverse, -self.mode) * ring[:, None]
-        coefficients = weight[strong, None] * mixing[strong] * scale
-        return (test.T @ source) @ coefficients
+        return (test.T @ source) @ (weight[strong, None] * mixing[strong] * scale)
 
     def _source(self, incident: Complex128Array) -> Complex128Array:
         """Return the source P on the body's edges for incident fields there."""
@@ -247,7 +241,7 @@ class ModalSolver:
         field = np.zeros((self._count, incident.shape[1]), complex)
         field[self._solved] = self._factor.solve(right)
         field[self._body[self._metal]] = -incident[self._metal]
-        return np.asarray(self._outside @ field)
+        return self._outside @ field
 
 
 def wave_modes(
@@ -298,9 +292,7 @@ def wave_modes(
     zero = np.zeros_like(x)
     h_components = np.stack([over, 1j * slope, zero])
     v_components = np.stack([1j * down * slope, -down * over, transverse * bessel]) / wavenumber
-    phase = phase[which_z]
-    h = h_components[kind, which_rho] * phase
-    v = v_components[kind, which_rho] * phase
+    h, v = (parts[kind, which_rho] * phase[which_z] for parts in (h_components, v_components))
     return h, v
 
 
@@ -310,8 +302,7 @@ class _Edges:
     def __init__(self, grid: YeeGrid, mode: int) -> None:
         rho = grid.rho
         z = grid.z
-        self.shape = rho.size, z.size
-        nr, nz = self.shape
+        self.shape = nr, nz = rho.size, z.size
         self.sizes = ((nr - 1) * nz, nr * nz, nr * (nz - 1))
         self.count = sum(self.sizes)
         half_rho = (rho[1:] + rho[:-1]) / 2
@@ -320,12 +311,10 @@ class _Edges:
         dual_z = _dual(z)
         dual_area = rho * dual_rho
         dual_area[0] = half_rho[0] ** 2 / 2
-        edge_rho = np.concatenate(
-            [np.repeat(half_rho, nz), np.repeat(rho, nz), np.repeat(rho, nz - 1)]
-        )
-        edge_z = np.concatenate([np.tile(z, nr - 1), np.tile(z, nr), np.tile(half_z, nr)])
+        edge_rho = [np.repeat(half_rho, nz), np.repeat(rho, nz), np.repeat(rho, nz - 1)]
+        edge_z = [np.tile(z, nr - 1), np.tile(z, nr), np.tile(half_z, nr)]
         kind = np.repeat(np.arange(3), self.sizes)
-        self.positions = (edge_rho.real, edge_z.real, kind)
+        self.positions = (np.concatenate(edge_rho).real, np.concatenate(edge_z).real, kind)
         self._width_rho = np.pad(np.diff(rho.real), 1, mode="edge")[:, None]
         self._width_z = np.pad(np.diff(z.real), 1, mode="edge")
         volumes = [
@@ -350,11 +339,14 @@ class _Edges:
         dr = self._width_rho
         dz = self._width_z
         padded = np.pad(cells, 1, mode="edge")
+
+        def over_rho(values: Complex128Array) -> Complex128Array:
+            """Return the means of neighbours along ρ."""
+            return (values[:-1] * dr[:-1] + values[1:] * dr[1:]) / (dr[:-1] + dr[1:])
+
         level = (padded[:, :-1] * dz[:-1] + padded[:, 1:] * dz[1:]) / (dz[:-1] + dz[1:])
-        upright = (padded[:-1] * dr[:-1] + padded[1:] * dr[1:]) / (dr[:-1] + dr[1:])
-        upright = upright[:, 1:-1]
-        around = (level[:-1] * dr[:-1] + level[1:] * dr[1:]) / (dr[:-1] + dr[1:])
-        return np.concatenate([level[1:-1].ravel(), around.ravel(), upright.ravel()])
+        means = (level[1:-1], over_rho(level), over_rho(padded)[:, 1:-1])
+        return np.concatenate([mean.ravel() for mean in means])
 
     def touching(self, cells: BoolArray) -> BoolArray:
         """Return the edges with at least one of these cells around them."""
@@ -370,7 +362,7 @@ def _dual(nodes: Complex128Array) -> Complex128Array:
 def _difference(nodes: Complex128Array) -> Any:
     """Return the matrix of difference quotients from nodes to cells."""
     step = 1 / np.diff(nodes)
-    return sp.diags([-step, step], [0, 1], shape=(step.size, nodes.size))
+    return diags([-step, step], [0, 1], shape=(step.size, nodes.size))
 
 
 def _curl_curl(grid: YeeGrid, mode: int, edges: _Edges) -> Any:
@@ -385,38 +377,35 @@ def _curl_curl(grid: YeeGrid, mode: int, edges: _Edges) -> Any:
     over_rho = np.zeros(nr, complex)
     over_rho[1:] = 1 / rho[1:]
     m = 1j * mode
-    eye_r = sp.identity(nr)
-    eye_z = sp.identity(nz)
-    eye_hr = sp.identity(nr - 1)
-    eye_hz = sp.identity(nz - 1)
+    eye_r, eye_z, eye_hr, eye_hz = (identity(size) for size in (nr, nz, nr - 1, nz - 1))
     d_r = _difference(rho)
     d_z = _difference(z)
     # Curl of E, on the faces' middles.
-    b_rho = [None, -sp.kron(eye_r, d_z), sp.kron(sp.diags(m * over_rho), eye_hz)]
-    b_phi = [sp.kron(eye_hr, d_z), None, -sp.kron(d_r, eye_hz)]
+    b_rho = [None, -kron(eye_r, d_z), kron(diags(m * over_rho), eye_hz)]
+    b_phi = [kron(eye_hr, d_z), None, -kron(d_r, eye_hz)]
     b_z = [
-        sp.kron(sp.diags(-m / half), eye_z),
-        sp.kron(sp.diags(1 / half) @ d_r @ sp.diags(rho), eye_z),
+        kron(diags(-m / half), eye_z),
+        kron(diags(1 / half) @ d_r @ diags(rho), eye_z),
         None,
     ]
     # Curl of that, back on the edges: differences over the dual cells.
-    back_r = sp.diags(1 / _dual(rho)) @ _flux(nr)
-    back_z = sp.diags(1 / _dual(z)) @ _flux(nz)
-    ring = sp.diags(over_rho / _dual(rho)) @ _flux(nr) @ sp.diags(half)
+    back_r = diags(1 / _dual(rho)) @ _flux(nr)
+    back_z = diags(1 / _dual(z)) @ _flux(nz)
+    ring = diags(over_rho / _dual(rho)) @ _flux(nr) @ diags(half)
     if mode == 0:
-        ring = sp.lil_matrix(ring)
+        ring = lil_matrix(ring)
         ring[0, 0] = 2 / half[0]  # Stokes' theorem on the disc about the axis
     curl = [
-        [None, -sp.kron(eye_hr, back_z), sp.kron(sp.diags(m / half), eye_z)],
-        [sp.kron(eye_r, back_z), None, -sp.kron(back_r, eye_z)],
-        [sp.kron(sp.diags(-m * over_rho), eye_hz), sp.kron(ring, eye_hz), None],
+        [None, -kron(eye_hr, back_z), kron(diags(m / half), eye_z)],
+        [kron(eye_r, back_z), None, -kron(back_r, eye_z)],
+        [kron(diags(-m * over_rho), eye_hz), kron(ring, eye_hz), None],
     ]
-    return (sp.bmat(curl, format="csr") @ sp.bmat([b_rho, b_phi, b_z], format="csr")).tocsr()
+    return (bmat(curl, format="csr") @ bmat([b_rho, b_phi, b_z], format="csr")).tocsr()
 
 
 def _flux(nodes: int) -> Any:
     """Return the matrix of the cell after a node less the cell before it."""
-    return sp.diags([np.ones(nodes - 1), -np.ones(nodes - 1)], [0, -1], shape=(nodes, nodes - 1))
+    return diags([np.ones(nodes - 1), -np.ones(nodes - 1)], [0, -1], shape=(nodes, nodes - 1))
 
 
 _DETOUR = 0.25  # height of the path over the real axis, relative to the wavenumber in the soil
@@ -585,4 +574,4 @@ def with_surface(
     system = np.identity(2 * nodes) - answer[np.ix_(inner, inner)] * bounce
     repeated = np.linalg.solve(system, answer[np.ix_(inner, outer)])
     direct = answer[np.ix_(outer, outer)]
-    return np.asarray(direct + answer[np.ix_(outer, inner)] * bounce @ repeated)
+    return direct + answer[np.ix_(outer, inner)] * bounce @ repeated

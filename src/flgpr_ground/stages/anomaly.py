@@ -96,14 +96,12 @@ class Rx(FeatureStage):
 
     def _compared(self, view: xr.DataArray, points: FloatArray) -> FloatArray:
         """Return how much each alarm exceeds its ring; NaN where there is no ring."""
-        guard_x, guard_y = self.settings.guard
         excess = np.full(len(points), np.nan)
         for number, point in enumerate(points):
             pixels = _around(view, point, self.settings.outer)
             brightest = _brightest_of(pixels, self.settings.reach)
-            beyond_x = np.abs(pixels.x) > guard_x + _EDGE
-            beyond_y = np.abs(pixels.y) > guard_y + _EDGE
-            ring = pixels.level[beyond_x | beyond_y]
+            offsets = np.abs([pixels.x, pixels.y]).T
+            ring = pixels.level[(offsets > np.array(self.settings.guard) + _EDGE).any(axis=1)]
             if brightest is not None and len(ring) >= self.settings.least:
                 excess[number] = self._excess(brightest, ring)
         return excess
@@ -178,8 +176,7 @@ class Matched(FeatureStage):
         signature = self.learnt["signature"]
         with np.errstate(invalid="ignore"):  # NaN for alarms without a pixel
             amf = off @ inverse @ signature / np.sqrt(signature @ inverse @ signature)
-            whitened_power = np.einsum("ni,ij,nj->n", off, inverse, off)
-            ace = amf / np.sqrt(whitened_power)
+            ace = amf / np.sqrt(np.einsum("ni,ij,nj->n", off, inverse, off))
         return {"amf": amf, "ace": ace}
 
     @classmethod
@@ -188,8 +185,9 @@ class Matched(FeatureStage):
         bright_by_lane = []
         mines_by_lane = cls.targets_used_for_training(settings, examples)
         for lane, mines in zip(examples, mines_by_lane, strict=True):
-            positions = mines[["x", "y"]].to_numpy()
-            bright_by_lane.append(_brightest(lane.view, positions, settings.reach))
+            bright_by_lane.append(
+                _brightest(lane.view, mines[["x", "y"]].to_numpy(), settings.reach)
+            )
         bright = np.concatenate(bright_by_lane)
         bright = bright[np.isfinite(bright).all(axis=1)]
         clutter = np.concatenate([_clutter(lane, settings.clear) for lane in examples])
@@ -216,10 +214,8 @@ class Matched(FeatureStage):
         cls, settings: Any, examples: list[TrainingView]
     ) -> list[pd.DataFrame]:
         """Return the mines that make the signature."""
-        mines = []
-        for targets in subset(examples, settings.share, settings.kinds):
-            mines.append(targets[targets["kind"].isin(settings.kinds)])
-        return mines
+        lanes = subset(examples, settings.share, settings.kinds)
+        return [targets[targets["kind"].isin(settings.kinds)] for targets in lanes]
 
 
 def _inverse(covariance: FloatArray) -> FloatArray:
@@ -268,9 +264,7 @@ def _brightest_of(pixels: _Pixels, reach: float) -> FloatArray | None:
 def _clutter(lane: TrainingView, clear: float) -> FloatArray:
     """Return the vectors (pixel, channel) of what lies in the lane away from all of its targets."""
     pixels = _around(lane.view, (0, 0), (np.inf, np.inf))
-    area = lane.lane
-    free = (pixels.x >= area.x_min) & (pixels.x <= area.x_max)
-    free &= (pixels.y >= area.y_min) & (pixels.y <= area.y_max)
+    free = lane.lane.contains(pixels.x, pixels.y)
     for target in lane.truth[["x", "y"]].to_numpy():
         free &= np.hypot(pixels.x - target[0], pixels.y - target[1]) > clear
     return pixels.level[free]

@@ -97,20 +97,12 @@ class ChipNetwork(FeatureStage):
     def fit(cls, settings: Any, examples: list[TrainingView]) -> tuple[Arrays, dict[str, Any]]:
         """Train the networks."""
         rng = np.random.default_rng(settings.seed)
-        chips_of_mines = []
-        chips_of_clutter = []
-        for lane in examples:
-            of_mines, of_clutter = _examples(lane, settings, rng)
-            chips_of_mines.append(of_mines)
-            chips_of_clutter.append(of_clutter)
-        mines = np.concatenate(chips_of_mines)
-        clutter = np.concatenate(chips_of_clutter)
+        cut = [_examples(lane, settings, rng) for lane in examples]
+        mines, clutter = (np.concatenate(chips) for chips in zip(*cut, strict=True))
         if not len(mines) or not len(clutter):
             needed = f"mines and clutter, got {len(mines)} and {len(clutter)} chips"
             counts = [Tally(len(mines), "chips of mines"), Tally(len(clutter), "chips of clutter")]
-            changes = [clear_change(settings)]
-            if len(clutter):
-                changes = kinds_change(settings, examples)
+            changes = kinds_change(settings, examples) if len(clutter) else [clear_change(settings)]
             raise TooFewExamplesError(needed, counts, changes)
 
         chips = np.concatenate([mines, clutter])
@@ -121,8 +113,7 @@ class ChipNetwork(FeatureStage):
         learnt: Arrays = {"mean": mean, "deviation": deviation}
         for number in range(settings.networks):
             trained = train_network(mines, clutter, settings, settings.seed + number)
-            for name, array in trained.items():
-                learnt[f"{number}-{name}"] = array
+            learnt |= {f"{number}-{name}": array for name, array in trained.items()}
         return learnt, {"chips_of_mines": len(mines), "chips_of_clutter": len(clutter)}
 
 
@@ -201,10 +192,9 @@ def train_network(mines: Chips, clutter: Chips, settings: NetworkSettings, seed:
     optimizer = torch.optim.AdamW(weights.values(), settings.rate, weight_decay=settings.decay)
     scheduler = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, rounds)
     for _ in range(rounds):
-        drawn = []
-        for chips in classes:
-            numbers = torch.randint(len(chips), (half,), generator=generator)
-            drawn.append(chips[numbers])
+        drawn = [
+            chips[torch.randint(len(chips), (half,), generator=generator)] for chips in classes
+        ]
         x = torch.cat(drawn)
         mirrored = torch.rand(len(x), generator=generator) < 0.5
         x = torch.where(mirrored[:, None, None, None], x.flip(3), x)
@@ -251,17 +241,13 @@ def _examples(
     shown = np.repeat(np.concatenate([mines, at_mines]), 9, axis=0)
     is_moved = np.arange(len(shown)) % 9 > 0
     shown[is_moved] += rng.uniform(-settings.jitter, settings.jitter, (len(shown) // 9 * 8, 2))
-    chips_of_mines = _chips(lane.view, shown, settings.size)
-    chips_of_clutter = _chips(lane.view, clutter, settings.size)
-    return chips_of_mines, chips_of_clutter
+    return _chips(lane.view, shown, settings.size), _chips(lane.view, clutter, settings.size)
 
 
 def _distance_to_nearest(points: FloatArray, targets: FloatArray) -> FloatArray:
     """Return the distance of each point (n, 2) to the nearest target; infinity for none."""
-    dx = points[:, None, 0] - targets[:, 0]
-    dy = points[:, None, 1] - targets[:, 1]
-    distance: FloatArray = np.hypot(dx, dy).min(axis=1, initial=np.inf)
-    return distance
+    apart = points[:, None] - targets
+    return floats(np.hypot(apart[..., 0], apart[..., 1]).min(axis=1, initial=np.inf))
 
 
 def _chips(view: xr.DataArray, points: FloatArray, size: tuple[float, float]) -> Chips:

@@ -8,7 +8,7 @@ could be read is in docs/evidence/patch-features.md, and what is assumed here.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -47,6 +47,7 @@ from flgpr_ground.stages.run_views import maxima_in_lane
 
 _BATCH = 128  # patches that are described at once
 _KNOWN_SHARE = 0.999  # a cut pixel counts as seen if this much of what it was interpolated from was
+_MIXTURE = ("share", "centre", "deviation")  # arrays of a learnt mixture, in the order of Mixture
 _SHARE_TOLERANCE = 1e-6  # of the sum of a mixture's weights
 
 
@@ -141,8 +142,12 @@ class PatchStage(FeatureStage):
 
     Magnitudes are in units of the deviation of the patch's border, off its mean
     (:func:`flgpr_ground.features.patch_descriptors.normalize_by_border`). The looks at a place are those
-    that the run-view has combined.
+    that the run-view has combined. Columns are named after a part of the patch and a number in it,
+    such as ``hog_HH_017``.
     """
+
+    prefix: ClassVar[str] = ""
+    digits: ClassVar[int] = 0  #: of the number in a part; 0 for as many as the largest needs
 
     @classmethod
     def margin(cls, settings: Any) -> float:
@@ -152,20 +157,21 @@ class PatchStage(FeatureStage):
     def of_view(self, view: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
         """Cut the patches of the alarms and describe them."""
         channels = _Channels.of(view, self.settings)
-        self._check_channels(channels)
-        names = self._names(channels)
-        table = np.zeros((len(names), len(points)))
+        parts = self._parts(channels)
+        columns = self.column_count(self.settings, len(channels.polarizations), channels.grid)
+        table = np.zeros((columns, len(points)))
         for begin in range(0, len(points), _BATCH):
             batch = slice(begin, begin + _BATCH)
             patches = channels.patches(points[batch], self.settings.size)
             table[:, batch] = self._describe(patches, channels.grid.dx).T
+        count = columns // len(parts)
+        digits = self.digits or len(str(count - 1))
+        numbers = [f"{number:0{digits}d}" for number in range(count)]
+        names = [f"{self.prefix}_{part}_{number}" for part in parts for number in numbers]
         return dict(zip(names, table, strict=True))
 
-    def _check_channels(self, channels: _Channels) -> None:
-        """Refuse a run-view that the stage has not learnt for."""
-
-    def _names(self, channels: _Channels) -> list[str]:
-        """Return the names of the columns, in their order."""
+    def _parts(self, channels: _Channels) -> Sequence[Any]:
+        """Return the parts in the order of their columns; refuse a run-view that does not fit."""
         raise NotImplementedError
 
     def _describe(self, patches: FloatArray, spacing: float) -> FloatArray:
@@ -179,37 +185,28 @@ class PatchStage(FeatureStage):
 class _StaticPatterns(PatchStage):
     """Descriptors of each polarization by itself, which need no training."""
 
-    prefix: ClassVar[str] = ""
+    digits = 3
 
     @classmethod
     def column_count(cls, settings: Any, polarizations: int, view: Grid) -> int:
         """Return how many columns all polarizations have."""
-        shown = len(settings.polarizations) or polarizations
-        return shown * cls._count_of_one(settings, view)
-
-    @classmethod
-    def _count_of_one(cls, settings: Any, view: Grid) -> int:
-        """Return how many columns a polarization has."""
         corner = np.array([[view.x_min, view.y_min]])
         patch = cut_regions(np.zeros((1, 1, 1)), view, corner, settings.size)
-        return int(cls._descriptors(patch, settings, view.dx).shape[1])
+        of_one = cls._descriptors(patch, settings, view.dx).size
+        return (len(settings.polarizations) or polarizations) * of_one
 
     @classmethod
     def _descriptors(cls, patches: FloatArray, settings: Any, spacing: float) -> FloatArray:
-        """Return the descriptors (patch, column) of patches (patch, polarization, v, u)."""
+        """Return the descriptors (patch, polarization, component) of patches."""
         raise NotImplementedError
+
+    def _parts(self, channels: _Channels) -> Sequence[Any]:
+        """Return the polarizations."""
+        return channels.polarizations
 
     def _describe(self, patches: FloatArray, spacing: float) -> FloatArray:
         """Return the descriptors, of each polarization by itself."""
-        return self._descriptors(patches, self.settings, spacing)
-
-    def _names(self, channels: _Channels) -> list[str]:
-        """Return names such as ``hog_HH_017``."""
-        count = self._count_of_one(self.settings, channels.grid)
-        names = []
-        for polarization in channels.polarizations:
-            names += [f"{self.prefix}_{polarization}_{number:03d}" for number in range(count)]
-        return names
+        return self._descriptors(patches, self.settings, spacing).reshape(len(patches), -1)
 
 
 class Hog(_StaticPatterns):
@@ -221,8 +218,7 @@ class Hog(_StaticPatterns):
     @classmethod
     def _descriptors(cls, patches: FloatArray, settings: Any, spacing: float) -> FloatArray:
         """Return the histograms of gradients."""
-        cell = max(round(settings.cell / spacing), 1)
-        return hog(patches, cell, settings.block, settings.bins).reshape(len(patches), -1)
+        return hog(patches, max(round(settings.cell / spacing), 1), settings.block, settings.bins)
 
 
 class Lbp(_StaticPatterns):
@@ -232,14 +228,9 @@ class Lbp(_StaticPatterns):
     Settings: ClassVar[type[Table]] = LbpSettings
 
     @classmethod
-    def _descriptors(
-        cls,
-        patches: FloatArray,
-        settings: Any,
-        spacing: float,  # noqa: ARG003
-    ) -> FloatArray:
+    def _descriptors(cls, patches: FloatArray, settings: Any, _spacing: float) -> FloatArray:
         """Return the histograms of patterns."""
-        return lbp_histograms(patches, settings.parts).reshape(len(patches), -1)
+        return lbp_histograms(patches, settings.parts)
 
 
 class _LearntPatterns(PatchStage):
@@ -262,9 +253,7 @@ class _LearntPatterns(PatchStage):
                 Tally(patches, "patches at local maxima"),
                 Tally(len(windows), "windows that teach"),
             ]
-            changes = []
-            if len(windows) >= 2:
-                changes = [Change(cls.size_entry, len(windows), entries)]
+            changes = [Change(cls.size_entry, len(windows), entries)] if len(windows) >= 2 else []
             needed = f"{least} windows or more, got {len(windows)}"
             raise TooFewExamplesError(needed, counts, changes)
         whitening = learn_whitening(windows, min(settings.directions, windows.shape[1]))
@@ -283,8 +272,7 @@ class _LearntPatterns(PatchStage):
         of_one = _components(settings, setup.view.dx)
         components = len(learnt.array("mean", (None,)))
         most = len(settings.polarizations) or max(len(setup.imaged), 1)
-        fits = components % of_one == 0 and of_one <= components <= most * of_one
-        if not fits:
+        if components % of_one or not of_one <= components <= most * of_one:
             raise ValueError(
                 f"array 'mean' must have {of_one} components of each of 1 to {most} polarizations, "
                 f"got {components}"
@@ -298,8 +286,8 @@ class _LearntPatterns(PatchStage):
         """Check the arrays of the dictionary."""
         raise NotImplementedError
 
-    def _check_channels(self, channels: _Channels) -> None:
-        """Refuse a run-view of other polarizations than those of the training lanes."""
+    def _parts(self, channels: _Channels) -> Sequence[Any]:
+        """Return the pools; refuse other polarizations than those of the training lanes."""
         of_one = _components(self.settings, channels.grid.dx)
         components = len(self.learnt["mean"])
         if components != of_one * len(channels.polarizations):
@@ -307,6 +295,7 @@ class _LearntPatterns(PatchStage):
                 f"model must have been trained on {len(channels.polarizations)} polarizations of "
                 f"{of_one} components, as this run-view has, got {components} components"
             )
+        return range(self.settings.parts**2)
 
     def _local(self, patches: FloatArray, spacing: float) -> FloatArray:
         """Return the descriptors (patch, row, column, direction) of the windows of patches."""
@@ -321,16 +310,12 @@ class VisualWords(_LearntPatterns):
     k-means (:func:`flgpr_ground.features.dictionaries.word_histograms`).
     """
 
+    prefix = "word"
     size_entry = "words"
     Settings: ClassVar[type[Table]] = WordSettings
 
     @classmethod
-    def column_count(
-        cls,
-        settings: Any,
-        polarizations: int,  # noqa: ARG003
-        view: Grid,  # noqa: ARG003
-    ) -> int:
+    def column_count(cls, settings: Any, _polarizations: int, _view: Grid) -> int:
         """Return how many words all pools have."""
         return int(settings.parts**2 * settings.words)
 
@@ -343,10 +328,6 @@ class VisualWords(_LearntPatterns):
     def _check_dictionary(cls, settings: Any, directions: int, learnt: Checked) -> None:
         """Check the words."""
         learnt.array("words", (settings.words, directions))
-
-    def _names(self, channels: _Channels) -> list[str]:  # noqa: ARG002
-        """Return names such as ``word_2_017``, of a pool and a word."""
-        return _numbered("word", self.settings.parts, self.settings.words)
 
     def _describe(self, patches: FloatArray, spacing: float) -> FloatArray:
         """Return the histograms of all pools."""
@@ -362,6 +343,7 @@ class FisherVectors(_LearntPatterns):
     (Perronnin, Sánchez & Mensink 2010; :func:`flgpr_ground.features.dictionaries.fisher_vectors`).
     """
 
+    prefix = "fisher"
     size_entry = "gaussians"
     Settings: ClassVar[type[Table]] = FisherSettings
 
@@ -376,46 +358,29 @@ class FisherVectors(_LearntPatterns):
     def _dictionary(cls, descriptors: FloatArray, settings: Any) -> Arrays:
         """Learn the mixture."""
         mixture = learn_mixture(descriptors, settings.gaussians, settings.seed)
-        return {
-            "share": mixture.share,
-            "centre": mixture.mean,
-            "deviation": mixture.deviation,
-        }
+        return dict(zip(_MIXTURE, mixture, strict=True))
 
     @classmethod
     def _check_dictionary(cls, settings: Any, directions: int, learnt: Checked) -> None:
         """Check the mixture."""
+        by_direction = (settings.gaussians, directions)
         share = learnt.array("share", (settings.gaussians,))
-        learnt.array("centre", (settings.gaussians, directions))
-        deviation = learnt.array("deviation", (settings.gaussians, directions))
+        learnt.array("centre", by_direction)
+        deviation = learnt.array("deviation", by_direction)
         for name, values in (("share", share), ("deviation", deviation)):
             if not (values > 0).all():
                 raise ValueError(f"array {name!r} must be positive, got {values.min():g}")
         if abs(share.sum() - 1) > _SHARE_TOLERANCE:
             raise ValueError(f"array 'share' must add up to 1, got {share.sum():g}")
 
-    def _names(self, channels: _Channels) -> list[str]:  # noqa: ARG002
-        """Return names such as ``fisher_2_0017``, of a pool and a component."""
-        count = 2 * self.learnt["centre"].size
-        return _numbered("fisher", self.settings.parts, count)
-
     def _describe(self, patches: FloatArray, spacing: float) -> FloatArray:
         """Return the vectors of all pools."""
         local = self._local(patches, spacing)
-        mixture = Mixture(self.learnt["share"], self.learnt["centre"], self.learnt["deviation"])
+        mixture = Mixture(*(self.learnt[name] for name in _MIXTURE))
         pools = []
         for pool in split_grid(local, self.settings.parts):
             pools.append(improved_fisher_vectors(fisher_vectors(pool, mixture)))
         return np.concatenate(pools, axis=1)
-
-
-def _numbered(prefix: str, divisions: int, count: int) -> list[str]:
-    """Return the names of the components of each pool of a patch."""
-    width = len(str(count - 1))
-    names = []
-    for pool in range(divisions**2):
-        names += [f"{prefix}_{pool}_{number:0{width}d}" for number in range(count)]
-    return names
 
 
 def _window_pixels(settings: DictionarySettings, spacing: float) -> int:
@@ -457,7 +422,9 @@ def _windows_of_lanes(
     patches = 0
     for lane in examples:
         channels = _Channels.of(lane.view, settings)
-        places = _maxima_in_lane(lane, channels, settings.radius)
+        magnitudes = np.maximum(channels.values, np.finfo(np.float32).tiny)
+        level = np.where(channels.has_value > 0, np.log(magnitudes), np.nan).mean(axis=0)
+        places = maxima_in_lane(lane, level, settings.radius)
         patches += len(places)
         of_lane = max(settings.most // len(examples), 1)
         for begin in range(0, len(places), _BATCH):
@@ -470,10 +437,3 @@ def _windows_of_lanes(
             chosen = rng.permutation(len(windows))[:of_batch]
             drawn.append(windows[np.sort(chosen)])
     return patches, np.concatenate(drawn[1:] or drawn)
-
-
-def _maxima_in_lane(lane: TrainingView, channels: _Channels, radius: float) -> FloatArray:
-    """Return the local maxima (n, 2) in a lane of the mean log-magnitude of its channels."""
-    magnitudes = np.maximum(channels.values, np.finfo(np.float32).tiny)
-    level = np.where(channels.has_value > 0, np.log(magnitudes), np.nan).mean(axis=0)
-    return maxima_in_lane(lane, level, radius)

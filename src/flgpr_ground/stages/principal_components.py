@@ -102,11 +102,12 @@ class ComponentMap(FormMap):
         on_clutter = []
         looks = []
         for number, interval in enumerate(pairwise(settings.edges)):
-            target = np.concatenate([lane[f"target-{number}"] for lane in examples])
-            clutter = np.concatenate([lane[f"clutter-{number}"] for lane in examples])
-            form = _trained(settings, interval, target, clutter)
-            forms.append(form)
-            on_clutter.append(form(clutter))
+            target, clutter = (
+                np.concatenate([lane[f"{part}-{number}"] for lane in examples])
+                for part in ("target", "clutter")
+            )
+            forms.append(_trained(settings, interval, target, clutter))
+            on_clutter.append(forms[-1](clutter))
             looks.append(len(target))
         value = np.concatenate(on_clutter)
         learnt = learnt_arrays(forms, value)
@@ -164,10 +165,9 @@ def _trained(
     ]
     if len(target) < 2:
         needed = f"2 looks at targets or more {span}, got {len(target)}"
-        changes = []
-        if len(settings.edges) > 2:
-            ends = [settings.edges[0], settings.edges[-1]]
-            changes.append(Change("edges", ends, list(settings.edges)))
+        ends = [settings.edges[0], settings.edges[-1]]
+        one_interval = Change("edges", ends, list(settings.edges))
+        changes = [one_interval] if len(settings.edges) > 2 else []
         raise TooFewExamplesError(needed, counts, changes)
     if len(clutter) < 2:
         needed = f"2 cuts of clutter or more {span}, got {len(clutter)}"

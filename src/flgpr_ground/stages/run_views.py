@@ -23,7 +23,7 @@ def maxima_in_lane(lane: TrainingView, level: FloatArray, radius: float) -> Floa
     """
     table = local_maxima(lane.view[0, 0].copy(data=level), radius)
     places = table[["x", "y"]].to_numpy(dtype=np.float64)
-    return np.asarray(places[lane.lane.contains(places[:, 0], places[:, 1])])
+    return places[lane.lane.contains(places[:, 0], places[:, 1])]
 
 
 def check_images(view: xr.DataArray, learnt_images: int) -> None:

@@ -88,10 +88,9 @@ class TimeFrequency(FeatureStage):
                 f"{self._subband}, got {setup.images.dy:g} m"
             )
         self._frequency = np.linspace(*subbands[self._subband], settings.frequencies)
-        columns = []
-        for polarization in settings.polarizations:
-            columns += [f"tf_{name}_{polarization}" for name in _NAMES]
-        self.columns = tuple(columns)
+        self.columns = tuple(
+            f"tf_{name}_{label}" for label in settings.polarizations for name in _NAMES
+        )
 
     def of_image(self, image: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
         """Return the features of a scan; NaN where a profile leaves the image."""
@@ -109,7 +108,12 @@ class TimeFrequency(FeatureStage):
 
         settings = self.settings
         offsets = grid.dy * np.arange(-half, half + 1)
-        wavenumbers = self._wavenumbers(points[alarms], np.asarray(image.attrs["pose"]))
+        pose = np.asarray(image.attrs["pose"])
+        tx, rx = (
+            vehicle_to_scan(self.setup.run[name].values, pose)
+            for name in ("tx_position", "rx_position")
+        )
+        wavenumbers = range_wavenumbers(points[alarms], tx, rx, self._frequency)
         band = image.sel(subband=self._subband)
         for polarization in settings.polarizations:
             channel = band.sel(polarization=polarization).values
@@ -124,13 +128,6 @@ class TimeFrequency(FeatureStage):
                 feature = getattr(features, name) / unit
                 values[f"tf_{name}_{polarization}"][alarms[known]] = feature
         return values
-
-    def _wavenumbers(self, points: FloatArray, pose: FloatArray) -> FloatArray:
-        """Return the wavenumbers (point, frequency) down-track at points of a scan, rad/m."""
-        run = self.setup.run
-        tx = vehicle_to_scan(run["tx_position"].values, pose)
-        rx = vehicle_to_scan(run["rx_position"].values, pose)
-        return range_wavenumbers(points, tx, rx, self._frequency)
 
     def _profiles(
         self,
@@ -150,4 +147,4 @@ class TimeFrequency(FeatureStage):
         search = round(self.settings.search / self.setup.images.dy)
         middle = np.abs(chips[:, half - search : half + search + 1])
         brightest = np.nan_to_num(middle).max(axis=1).argmax(axis=1)
-        return np.asarray(chips[np.arange(len(chips)), :, brightest])
+        return chips[np.arange(len(chips)), :, brightest]
