@@ -3,6 +3,9 @@ from flgpr.clutter.background import remove_background as remove_background
 from flgpr.clutter.background import scan_gain as scan_gain
 from flgpr.clutter.background import self_signature as self_signature
 from flgpr.clutter.causal import CausalBackground as CausalBackground
+from flgpr.clutter.change import moved as moved
+from flgpr.clutter.change import offset_between as offset_between
+from flgpr.clutter.change import predicted as predicted
 from flgpr.clutter.coherence import Coherence as Coherence
 from flgpr.clutter.coherence import FrameStack as FrameStack
 from flgpr.clutter.coherence import accuracy_needed as accuracy_needed

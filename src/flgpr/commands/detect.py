@@ -17,6 +17,7 @@ from flgpr.commands.options import (
     LanesLike,
     Overwrite,
     PathLike,
+    Paths,
     Progress,
     RunLike,
     RunsLike,
@@ -168,6 +169,7 @@ def detect(
     ] = None,
     max_memory: str | int = "2GB",
     section: float | None = None,
+    before: Paths | None = None,
     others: With = (),
     unlike: str = "fallback",
     far: float | None = None,
@@ -201,6 +203,9 @@ def detect(
     model
         Model of `flgpr train` for the recipe.
     lane
+    before
+        Earlier run of the same road, of a single run; once per run. What they predict is
+        subtracted: what has changed stands out.
     others
 
     Trust
@@ -235,7 +240,7 @@ def detect(
     from flgpr.jobs.driver import detect_lane
     from flgpr.jobs.job import LaneJob, make_job
     from flgpr.jobs.survey import detect_survey, lane_names
-    from flgpr.recipe.make import recipe_or_fitted
+    from flgpr.recipe.make import recipe_or_fitted, with_earlier
     from flgpr.results.result import Survey
 
     run_list = one_or_more(runs)
@@ -264,9 +269,16 @@ def detect(
             far=far,
         )
 
+    earlier = one_or_more(before)
+    if earlier and not is_one:
+        raise ValueError(f"before must be given for a single run, got {len(run_list)} runs")
     if is_one:
-        with RunLocations(run_list[0], output, other_runs[0]) as place:
+        names = ["before", *(f"before-{number}" for number in range(2, len(earlier) + 1))]
+        beside_it = other_runs[0] | dict(zip(names, earlier, strict=False))
+        with RunLocations(run_list[0], output, beside_it) as place:
             text = recipe_or_fitted(recipe, place.run, model, options.max_memory)
+            if earlier:
+                text = with_earlier(text)
             job = job_of(0, place.run, text, place.output, place.other_runs)
             with options.executor() as executor:
                 detect_lane(job, executor, options, section, overwrite)

@@ -51,6 +51,9 @@ def simulate_lane(
     ] = None,
     sensor: str = "sri-array",
     seed: int = 1,
+    drive: Annotated[
+        int, Option(min=1, help="Of a scene with later drives over the road: which one.")
+    ] = 1,
     worlds: PathLike | None = None,
     errors: Annotated[
         bool, Option("--errors/--no-errors", help="Whether the sensor's errors are added.")
@@ -82,6 +85,7 @@ def simulate_lane(
         Sensor preset, TOML file, or run store whose array it is.
     seed
         The same seed gives the same lane, bit for bit.
+    drive
     worlds
         What of scene and sensor the seed draws anew, for training: any-road, or a TOML file.
     errors
@@ -142,7 +146,7 @@ def simulate_lane(
     from flgpr.simulate.effort import check_effort
     from flgpr.simulate.scene.randomised import draw_into, load_worlds
 
-    loaded_scene = load_scene(scene)
+    loaded_scene = load_scene(scene).at_drive(drive)
     array = _array(sensor)
     lines: list[str] = []
     if worlds is not None:

@@ -156,6 +156,6 @@ def _write_named_truth(path: Path, simulator: Simulator) -> Path:
 
 
 def _digest(description: Scene | Sensor) -> str:
-    """Return the SHA-256 of a scene or a sensor."""
-    content: Any = json.loads(description.model_dump_json())
+    """Return the SHA-256 of what a scene or a sensor says beside the defaults."""
+    content: Any = json.loads(description.model_dump_json(exclude_defaults=True))
     return sha256(canonical_json(content))

@@ -233,6 +233,13 @@ class ImagedRun:
 
     def _make_image(self, index: int, rows: int | None = None) -> xr.DataArray:
         """Compute the image of a scan, as of :meth:`scan_image`."""
+        image = self._summed_image(index, rows)
+        for stage in self.clutter_stages.values():
+            image = stage.of_image(index, image)
+        return image
+
+    def _summed_image(self, index: int, rows: int | None) -> xr.DataArray:
+        """Return the coherent mean of the images of the last scans up to an index."""
         scan = int(self.imager.scans[index])
         if self.plain:
             return self.imager.image(scan, None, rows)

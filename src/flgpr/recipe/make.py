@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from flgpr.recipe.schema import parse_recipe, recipe_text
 from flgpr.recipe.writing import fitted_text
 from flgpr.store import MAX_MEMORY, open_run
 from flgpr.store.outputs import write_new
+from flgpr.toml_text import parse_toml
 from flgpr.types import PathLike
 
 ASSUMED_ANTENNAS = "sri-array"
@@ -100,6 +102,17 @@ def recipe_or_fitted(
     if model is not None:
         raise ValueError("recipe must be given with a model: the one it was trained with, got none")
     return recipe_for(run, max_memory=max_memory)
+
+
+def with_earlier(text: str) -> str:
+    """Return the text of a recipe with the clutter stage "earlier" as its last, if it has none."""
+    clutter = parse_toml(text).get("clutter", [])
+    if any(stage["stage"] == "earlier" for stage in clutter):
+        return text
+    inline = re.compile(r"^(clutter = \[.*)\]$", re.MULTILINE)  # as fitted recipes have it
+    if inline.search(text):
+        return inline.sub(r'\1, {stage = "earlier"}]', text)
+    return f'{text}\n[[clutter]]\nstage = "earlier"\n'
 
 
 def fit_recipe(run: xr.Dataset, begins: bool = False, like: PathLike | None = None) -> str:

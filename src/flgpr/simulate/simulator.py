@@ -121,7 +121,7 @@ class Simulator:
 
         # The radar.
         self.response = system_response(sensor, self.frequency)
-        self._errors = Impairments(sensor, seed) if errors else None
+        self._errors = Impairments(sensor, seed, scene.drive, scene.change) if errors else None
         sweep_time = sensor.errors.sweep_time if errors else 0.0
         self._drift = sweep_drift(self.pose, self.time, sweep_time)
         self._specular = self._make_specular_echo()
@@ -193,12 +193,13 @@ class Simulator:
 
     def attributes(self) -> dict[str, Any]:
         """Return the attributes that describe the run."""
-        return {
+        attributes = {
             "lane": self.scene.name,
             "sensor": self.sensor.name,
             "seed": self.seed,
             "simulated": "flgpr",
         }
+        return attributes | ({"drive": self.scene.drive} if self.scene.drives else {})
 
     def limits(self) -> dict[str, Any]:
         """Return where the simulated echoes end, which those of a real radar do not.
@@ -331,13 +332,18 @@ class Simulator:
         surface = self.scene.surface
         grass = self.scene.grass
         density = surface.density or PER_CELL / finest_cell(self.sensor)
+        drive, change = self.scene.drive, self.scene.change
         if surface.echo:
-            field = SurfaceField(surface, self.world.patches, density, self.seed)
+            field = SurfaceField(
+                surface, self.world.patches, density, self.seed, renewed=(change.surface, drive)
+            )
             spectra = _surface_spectra(surface, self.scene.soil, grass, self.sensor.tones)
             layers.append(SurfaceLayer(field, spectra))
         if grass.grown:
             grass_density = grass.density or density / 2
-            layers.append(GrassLayer(grass, grass_density, self.seed, self.frequency))
+            layers.append(
+                GrassLayer(grass, grass_density, self.seed, self.frequency, (change.grass, drive))
+            )
         layers += subsurface_layers(
             self.scene, self.world.holes, self._ground, density / 4, self.seed
         )

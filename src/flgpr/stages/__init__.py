@@ -36,6 +36,7 @@ PACKAGED = {
     "clutter": {
         "standing": "standing:StandingField",
         "early": "early:EarlyEchoes",
+        "earlier": "earlier:EarlierRuns",
         "masks": "masks:MaskedSuppression",
         "roadside": "roadside:RoadsideSuppression",
     },
@@ -177,6 +178,10 @@ class Stage:
         """Return figures worth reporting of the whole run, once its passes are done."""
         return {}
 
+    def sentences(self) -> list[str]:
+        """Return what the reader of a result must know of the whole run, once its passes are done."""
+        return []
+
     @classmethod
     def targets_used_for_training(
         cls,
@@ -200,7 +205,7 @@ class TrainingView:
 
 
 class ClutterStage(Stage):
-    """Takes clutter out of the received field: data in, data out."""
+    """Takes clutter out of the received field, data in, data out, or out of its images."""
 
     kind = "clutter"
     before: Callable[[int, int], ComplexArray]
@@ -237,6 +242,10 @@ class ClutterStage(Stage):
         for scan_index in range(max(index - count + 1, 0), index + 1):
             cleaned.append(self.clean(scan_index, self.before(scan_index, 1)[0]))
         return np.stack(cleaned)
+
+    def of_image(self, index: int, image: xr.DataArray) -> xr.DataArray:  # noqa: ARG002
+        """Return the image (polarization, subband, y, x) of a scan's cleaned data, cleaned further."""
+        return image
 
     def examples(self, truth: pd.DataFrame) -> Accumulator:
         """Return what gathers, scan by scan, the examples of ``fit`` on a lane with this truth."""

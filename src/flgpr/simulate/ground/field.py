@@ -85,6 +85,8 @@ class SurfaceField:
         Number of tiles that stay in memory.
     name : str
         Name of the random streams.
+    renewed : (float, int)
+        Share of the power that comes from scatterers of a drive, and the drive's number.
     """
 
     def __init__(
@@ -95,11 +97,13 @@ class SurfaceField:
         seed: int,
         keep: int = TILES_KEPT,
         name: str = "surface",
+        renewed: tuple[float, int] = (0.0, 1),
     ) -> None:
         self.surface = surface
         self.patches = patches
         self.seed = seed
         self.name = name
+        self.renewed = renewed
         self._cells = cell_counts(density * TILE**2)
         self.per_tile = math.prod(self._cells)
         self.tile = lru_cache(keep)(self._make)
@@ -134,6 +138,10 @@ class SurfaceField:
         rng = stream(self.seed, self.name, ix, iy)
         xy = (jittered(rng, self._cells) + [ix, iy]) * TILE
         z = self._unit_amplitudes(rng)
+        share, drive = self.renewed
+        if share > 0:
+            new = self._unit_amplitudes(stream(self.seed, f"{self.name} of drive {drive}", ix, iy))
+            z = np.float32(math.sqrt(1 - share)) * z + np.float32(math.sqrt(share)) * new
 
         area = TILE**2 / self.per_tile
         power = np.full(self.per_tile, area * 10 ** (self.surface.level_db / 10))

@@ -61,12 +61,16 @@ def water(frequency: ArrayLike) -> Complex128Array:
 
 
 def draw_holes(scene: Scene, targets: tuple[Target, ...], seed: int) -> tuple[Hole, ...]:
-    """Draw the holes over targets, in their order, and then the empty ones in the lane."""
+    """Draw the holes over targets, in their order, and then the empty ones in the lane.
+
+    Decoys of a later drive are the last.
+    """
     if not scene.holes.on:
         return ()
     over_targets = _holes_over_targets(scene, targets, seed)
-    empty = _empty_holes(scene, seed)
-    return (*over_targets, *empty)
+    empty = _empty_holes(scene, stream(seed, "holes"), scene.holes.empty)
+    decoys = _empty_holes(scene, stream(seed, "decoys", scene.drive), scene.change.decoys)
+    return (*over_targets, *empty, *decoys)
 
 
 def _holes_over_targets(scene: Scene, targets: tuple[Target, ...], seed: int) -> list[Hole]:
@@ -84,12 +88,11 @@ def _holes_over_targets(scene: Scene, targets: tuple[Target, ...], seed: int) ->
     return holes
 
 
-def _empty_holes(scene: Scene, seed: int) -> list[Hole]:
-    """Draw the holes in the lane that hold nothing."""
-    rng = stream(seed, "holes")
+def _empty_holes(scene: Scene, rng: np.random.Generator, density: float) -> list[Hole]:
+    """Draw so many holes per m² in the lane that hold nothing."""
     table = scene.holes
     holes = []
-    for _ in range(rng.poisson(table.empty * scene.lane.area)):
+    for _ in range(rng.poisson(density * scene.lane.area)):
         x = rng.uniform(scene.x_min, scene.x_max)
         y = rng.uniform(0, scene.length)
         radius = rng.uniform(*table.radius)

@@ -406,10 +406,17 @@ class GrassLayer:
         Seed of the world.
     frequency : ndarray (frequency,)
         Tones, Hz.
+    renewed : (float, int)
+        As of :class:`~flgpr.simulate.ground.field.SurfaceField`.
     """
 
     def __init__(
-        self, grass: tables.Grass, density: float, seed: int, frequency: FloatArray
+        self,
+        grass: tables.Grass,
+        density: float,
+        seed: int,
+        frequency: FloatArray,
+        renewed: tuple[float, int] = (0.0, 1),
     ) -> None:
         self.grass = grass
         statistics = Surface(
@@ -418,7 +425,7 @@ class GrassLayer:
             texture_shape=grass.texture_shape,
             texture_length=grass.texture_length,
         )
-        self._field = GrassField(statistics, (), density, seed, name="grass")
+        self._field = GrassField(statistics, (), density, seed, name="grass", renewed=renewed)
         depth = optical_depth(grass, frequency)
         strength = np.sqrt(1.5 * albedo(grass, frequency) * depth)
         spectra = strength * np.exp(-np.outer(_SLANTS, depth))

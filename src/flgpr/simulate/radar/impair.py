@@ -14,9 +14,11 @@ import numpy as np
 from flgpr.model import SPEED_OF_LIGHT, Sensor
 from flgpr.simulate.ground.roughness import surface_backscatter
 from flgpr.simulate.scene.draw import stream
+from flgpr.simulate.scene.scene import Drive
 from flgpr.types import Complex128Array, ComplexArray, FloatArray, IndexArray
 
 _KNOT = 6  # scans between the knots of slow drift
+_DRIVE = 1_000_000  # scans from one drive to the next, in the count by which errors are drawn
 _SIGNATURE_REACH = 2.2  # of the far edge of the ground in view: just beyond its last echo; assumed
 
 
@@ -40,12 +42,21 @@ class Impairments:
         The sensor.
     seed : int
         Seed of the run.
+    drive : int
+        Number of the drive: noise, drifts and the navigation's errors are its own.
+    change : Drive
+        What its table says of the navigation.
     """
 
-    def __init__(self, sensor: Sensor, seed: int) -> None:
+    def __init__(
+        self, sensor: Sensor, seed: int, drive: int = 1, change: Drive | None = None
+    ) -> None:
         self.sensor = sensor
         self.errors = sensor.errors
         self.seed = seed
+        self._before = _DRIVE * (drive - 1)
+        self._drive = drive
+        self._change = change or Drive()
         self.frequency = sensor.tones.axis()
         self.pairs = sensor.pairs()[0].shape[0]
         self.reference = reference_clutter(sensor)
@@ -70,6 +81,7 @@ class Impairments:
             Number of the scan.
         """
         errors = self.errors
+        scan += self._before
         rng = stream(self.seed, "scan", scan)
         signal = self._antennas.apply(signal, scan)
         if self._signature is not None:
@@ -87,12 +99,17 @@ class Impairments:
 
     def reported_pose(self, pose: FloatArray) -> FloatArray:
         """Return true poses (scan, 6) with the navigation's errors."""
-        rng = stream(self.seed, "navigation")
+        rng = stream(self.seed, "navigation", self._drive - 1)
+        position = self.errors.position if self._change.position is None else self._change.position
         reported = pose.copy()
-        reported[:, :3] += rng.normal(0, 1, (len(pose), 3)) * self.errors.position
+        reported[:, :3] += rng.normal(0, 1, (len(pose), 3)) * position
         reported[:, 3] += rng.normal(0, 1, len(pose)) * self.errors.heading
         if self.errors.attitude > 0:
             reported[:, 4:] += rng.normal(0, 1, (len(pose), 2)) * self.errors.attitude
+        if self._change.drift > 0:
+            for number, row in enumerate(reported, self._before):
+                drift = slow_change(self.seed, "navigation drift", number, (2,), _KNOT).real
+                row[:2] += math.sqrt(2) * self._change.drift * drift
         return reported
 
     @property
@@ -153,7 +170,9 @@ class Impairments:
 
     def direct_drift(self, scan: int) -> ComplexArray:
         """Return the slow relative change of the direct wave (4, pair, 1)."""
-        drift = slow_change(self.seed, "direct wave", scan, (4, self.pairs, 1), _KNOT)
+        drift = slow_change(
+            self.seed, "direct wave", scan + self._before, (4, self.pairs, 1), _KNOT
+        )
         return np.asarray(self.errors.self_signature_drift * drift, dtype=np.complex64)
 
     def interference_levels(self, scan: int) -> tuple[IndexArray, FloatArray]:

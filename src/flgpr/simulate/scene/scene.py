@@ -36,6 +36,7 @@ Percent = Annotated[float, Field(ge=0, le=100)]
 Size = Annotated[float, Field(gt=0, le=100)]
 Stride = Annotated[float, Field(ge=0.001, le=10_000)]
 RoadsideDistance = Annotated[float, Field(ge=0, le=1000)]
+DriveNumber = Annotated[int, Field(ge=1, le=1000)]
 _SITES = resources.files("flgpr.simulate.scene") / "sites"
 
 
@@ -94,6 +95,28 @@ class Soil(SceneTable):
             remaining -= thickness
         above.append(remaining)
         return above
+
+    def wetter(self, moisture: float) -> Soil:
+        """Return the soil with so much more water by volume in all its layers, m³/m³.
+
+        Where the permittivity is given, the water takes the place of air by refractive mixing
+        (Birchak et al. 1974), with 80 for that of water.
+        """
+        if moisture == 0:
+            return self
+        entries = self.model_dump(exclude_unset=True)
+        if self.model == "fixed":
+            index = math.sqrt(self.permittivity) + (math.sqrt(80) - 1) * moisture
+            entries["permittivity"] = max(index, 1.0) ** 2
+        entries["moisture"] = min(max(self.moisture + moisture, 0.0), 1.0)
+        entries["layers"] = [
+            {
+                "thickness": layer.thickness,
+                "moisture": min(max(layer.moisture + moisture, 0.0), 1.0),
+            }
+            for layer in self.layers
+        ]
+        return Soil.model_validate(entries)
 
     def _permittivity(self, f: FloatArray, moisture: float) -> Complex128Array:
         """Return the complex permittivity of a layer of the given moisture at frequencies ``f``."""
@@ -190,6 +213,9 @@ class Target(SceneTable):
     tilt: Angle = 0.0
     azimuth: Angle = 0.0
     heading: Angle = 0.0  #: direction of a box's long side, clockwise from +y, rad
+    #: laid, lifted: drive from which on it lies there, and drive from which on it is gone
+    laid: DriveNumber = 1
+    lifted: DriveNumber | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -238,6 +264,9 @@ class TargetDraw(SceneTable):
     depth_jitter: NotNegative = 0.005
     position_jitter: NotNegative = 0.3
     tilt: Annotated[float, Field(ge=0, le=math.pi)] = math.radians(4)
+    #: laid, lifted: as of a target
+    laid: DriveNumber = 1
+    lifted: DriveNumber | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -317,6 +346,31 @@ class Track(SceneTable):
         return self
 
 
+class Drive(SceneTable):
+    """A later drive over the road: what has changed since the first one.
+
+    Which targets lie there say their entries ``laid`` and ``lifted``; who lifts one fills its hole.
+    Noise, drifts, and the places of scans are drawn anew for every drive. Antennas and what stands
+    on the vehicle stay, and so does all of the ground that has no entry here.
+    """
+
+    #: beside, higher: of this track over the first one, m to the right and up
+    beside: Annotated[float, Field(ge=-100, le=100)] = 0.0
+    higher: Annotated[float, Field(ge=-10, le=10)] = 0.0
+    moisture: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0  #: water added to the soil, m³/m³
+    #: shares of the power of the surface's and the grass's echo that come from scatterers of this
+    #: drive: traffic, rain and wind have moved theirs
+    surface: Share = 0.0
+    grass: Share = 0.0
+    rocks: Share = 0.0  #: share of the rocks that lie elsewhere
+    decoys: NotNegative = (
+        0.0  #: holes dug and filled again with nothing in them, per m² of the lane
+    )
+    position: NotNegative | None = None  #: rms of the reported position, m; None: the sensor's own
+    #: drift: rms of an error of the reported place that changes slowly, over some ten scans, m
+    drift: NotNegative = 0.0
+
+
 class Scene(SceneTable):
     """A lane and all that is in it."""
 
@@ -343,6 +397,8 @@ class Scene(SceneTable):
     draws: tuple[TargetDraw, ...] = ()  #: targets to be drawn
     objects: tuple[SceneObject, ...] = ()
     patches: tuple[Patch, ...] = ()
+    drives: tuple[Drive, ...] = ()  #: later drives over the road, the second one first
+    drive: DriveNumber = 1  #: the one that is simulated, see :meth:`at_drive`
 
     @model_validator(mode="before")
     @classmethod
@@ -363,7 +419,38 @@ class Scene(SceneTable):
         """Raise a ValueError for a lane without width."""
         if not self.x_max > self.x_min:
             raise ValueError(f"x_max must be greater than x_min, got {self.x_min} and {self.x_max}")
+        if self.drive > len(self.drives) + 1:
+            raise ValueError(
+                f"drive must be at most {len(self.drives) + 1}, of which drives tells, got {self.drive}"
+            )
         return self
+
+    def at_drive(self, number: int) -> Scene:
+        """Return the scene as a later drive over the road finds it.
+
+        Parameters
+        ----------
+        number : int
+            1 for the first drive, 2 for the first of ``drives``, and so on.
+
+        Raises
+        ------
+        ValueError
+            If the scene has no such drive.
+        """
+        if not 1 <= number <= len(self.drives) + 1:
+            raise ValueError(
+                f"drive must be from 1 to {len(self.drives) + 1}, of which the scene tells, got {number}"
+            )
+        if number == 1:
+            return self
+        soil = self.soil.wetter(self.drives[number - 2].moisture)
+        return self.model_copy(update={"drive": number, "soil": soil})
+
+    @property
+    def change(self) -> Drive:
+        """What has changed since the first drive."""
+        return Drive() if self.drive == 1 else self.drives[self.drive - 2]
 
     @property
     def lane(self) -> Lane:

@@ -50,6 +50,7 @@ class World:
     def truth(self) -> pd.DataFrame:
         """Return the truth table of the targets that lie in the lane."""
         rows = []
+        laid = []
         for index, target in enumerate(self.targets):
             if not self.scene.lane.contains(target.x, target.y):
                 continue
@@ -57,7 +58,9 @@ class World:
             xy = (target.x, target.y)
             size = target.extent
             rows.append((name, *xy, target.kind, target.depth, *size, self.scene.name))
-        return check_truth(_table(rows, TRUTH_COLUMNS))
+            laid.append(target.laid)
+        truth = check_truth(_table(rows, TRUTH_COLUMNS))
+        return truth.assign(laid=laid) if self.scene.drives else truth
 
     def objects_table(self) -> pd.DataFrame:
         """Return the table of all else that stands in or beside the lane, empty holes too.
@@ -107,8 +110,25 @@ def draw_world(scene: Scene, seed: int) -> World:
     targets = (*scene.targets, *_draw_targets(scene, seed))
     objects = (*scene.objects, *_draw_rocks(scene, seed), *_draw_roadside(scene, seed))
     holes = draw_holes(scene, targets, seed)
+    targets, holes = _at_drive(scene.drive, targets, holes)
     patches = (*scene.patches, *_draw_patches(scene, seed), *hole_patches(scene, holes))
     return World(scene, seed, targets, objects, patches, holes)
+
+
+def _at_drive(
+    drive: int, targets: tuple[Target, ...], holes: tuple[Hole, ...]
+) -> tuple[tuple[Target, ...], tuple[Hole, ...]]:
+    """Return the targets that lie there at a drive, and the holes that have been dug until then."""
+    numbers: dict[int, int] = {}  # of the targets that lie there, among themselves
+    dug = []
+    for index, target in enumerate(targets):
+        if target.laid <= drive and not (target.lifted is not None and target.lifted <= drive):
+            numbers[index] = len(numbers)
+    for hole in holes:
+        if hole.target is None or targets[hole.target].laid <= drive:
+            number = None if hole.target is None else numbers.get(hole.target)
+            dug.append(hole._replace(target=number))
+    return tuple(targets[index] for index in numbers), tuple(dug)
 
 
 def _draw_targets(scene: Scene, seed: int) -> list[Target]:
@@ -160,6 +180,8 @@ def _draw_target(
         heading=heading if draw.body is not None else 0.0,
         tilt=math.hypot(lean, roll) if buried else 0.0,
         azimuth=math.atan2(roll, lean),
+        laid=draw.laid,
+        lifted=draw.lifted,
     )
 
 
@@ -177,9 +199,14 @@ def _places_beside(
 def _draw_rocks(scene: Scene, seed: int) -> list[SceneObject]:
     """Draw the rocks on and beside the lane; their radii are 2 cm and exponential above it."""
     rng = stream(seed, "rocks")
+    moving = stream(seed, "moved rocks", scene.drive)
+    side = scene.clutter.roadside[1]
     rocks = []
     for x, y in _places_beside(scene, rng, scene.clutter.rocks):
         radius = min(0.02 + rng.exponential(0.02), 0.12)
+        chance, across, along = moving.random(3)
+        if chance < scene.change.rocks:
+            x, y = side * (2 * across - 1), along * (scene.length + 2 * MARGIN) - MARGIN
         rocks.append(SceneObject(kind="rock", x=x, y=y, radius=radius))
     return rocks
 
@@ -288,7 +315,7 @@ def draw_track(scene: Scene, height: float, seed: int) -> tuple[FloatArray, Floa
         If the track holds no scan.
     """
     track = scene.track
-    rng = stream(seed, "track")
+    rng = stream(seed, "track", scene.drive - 1)
     y, seconds = _positions(scene, rng)
     pose = np.zeros((y.size, 6))
     pose[:, 1] = y
@@ -300,9 +327,9 @@ def draw_track(scene: Scene, height: float, seed: int) -> tuple[FloatArray, Floa
         angle = np.outer(y, wave) + phase
         pose[:, 0] = amplitude * np.sin(angle).sum(axis=1)
         pose[:, 3] = np.arctan(amplitude * (wave * np.cos(angle)).sum(axis=1))
-    pose[:, 0] += (scene.x_min + scene.x_max) / 2
+    pose[:, 0] += (scene.x_min + scene.x_max) / 2 + scene.change.beside
     # In this order: the random numbers fix the track of a seed.
-    pose[:, 2] = height + rng.normal(0, track.bounce, y.size)
+    pose[:, 2] = height + scene.change.higher + rng.normal(0, track.bounce, y.size)
     pose[:, 4:] = rng.normal(0, track.attitude, (y.size, 2))
     return floats(pose), floats(seconds)
 

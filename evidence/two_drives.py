@@ -1,0 +1,210 @@
+"""What an earlier drive over the same road is worth: mines laid since, found with it and without.
+
+``python evidence/two_drives.py OUT [--conditions NAME ...]`` simulates the drives that ``two_drives.toml`` declares, runs
+the detectors on the second ones and prints how many of the mines laid between them each finds. What is there is kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from common import markdown, with_share
+from flgpr import detect
+from flgpr.jobs.simulated_lane import simulate_to_store
+from flgpr.model import Lane, Sensor, load_sensor
+from flgpr.recipe.make import with_earlier
+from flgpr.scoring import match, side_by_side
+from flgpr.simulate import Scene, draw_world
+from flgpr.store import read_table
+
+DECLARED = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+RECIPE = """name = "contrast"
+description = "Contrast to the surroundings, mean over the looks"
+
+[image]
+x = [-2.5, 2.5]
+y = [7.0, 16.0]
+spacing = 0.05
+window = "hann"
+polarizations = ["{channel}"]
+
+[image.subbands]
+band = {band}
+
+[background]
+self_signature = "mean"
+median = 1.05
+mean = 2.55
+median_step = 3
+
+[run_view]
+x = [-1.5, 1.5]
+spacing = 0.1
+y_max = 16.0
+look = "mean"
+
+[prescreen]
+polarization = "{channel}"
+subband = "band"
+radius = 0.5
+density = 0.75
+
+[contrast]
+polarization = "{channel}"
+subband = "band"
+size = 25
+spacing = 0.1
+inner = [5, 3]
+guard = [9, 7]
+
+[score]
+halo = 0.5
+area = "union"
+"""
+
+
+def roads() -> Iterator[tuple[str, str, int]]:
+    """Yield name, site and seed of every road."""
+    for site in DECLARED["sites"]:
+        for seed in DECLARED["seeds"]:
+            yield f"{site}-{seed}", site, seed
+
+
+def scene_of(site: str, change: dict[str, float]) -> Scene:
+    """Return the scene of a site whose second drive has changed."""
+    tables = DECLARED["scene"] | {"site": site, "name": "road", "drives": [change]}
+    return Scene.model_validate(tables)
+
+
+def sensor() -> Sensor:
+    """Return the radar, with the first drive's poses."""
+    entries = load_sensor("sri-array").model_dump()
+    entries |= {"tones": DECLARED["tones"], "polarization": DECLARED["polarization"]}
+    entries["errors"] |= DECLARED["first"]
+    return Sensor.model_validate(entries)
+
+
+def driven(folder: Path, scene: Scene, seed: int) -> Path:
+    """Return the run of a drive, simulated if it is not there."""
+    run = folder / "run.zarr"
+    if not (folder / "done").is_file():
+        folder.mkdir(parents=True, exist_ok=True)
+        simulate_to_store(scene, sensor(), seed, run)
+        (folder / "done").touch()
+    return run
+
+
+def alarms_of(out: Path, road: tuple[str, str, int], condition: str) -> dict[str, pd.DataFrame]:
+    """Return the alarms of every detector on the second drive over a road."""
+    name, site, seed = road
+    scene = scene_of(site, DECLARED["conditions"][condition])
+    home = out / name / condition.replace(" ", "-")
+    found = {}
+    for number, (detector, entries) in enumerate(DECLARED["detectors"].items()):
+        listed = home / f"alarms-{number}.csv"
+        if not listed.is_file():
+            before = driven(out / name / "first", scene_of(site, {}), seed)
+            run = driven(home, scene.at_drive(2), seed)
+            text = RECIPE.format(**entries)
+            recipe = home / f"recipe-{number}.toml"
+            recipe.write_text(with_earlier(text) if entries["earlier"] else text, "utf-8")
+            earlier = {"before": before} if entries["earlier"] else {}
+            result = home / f"result-{number}"
+            detect(run, recipe=recipe, output=result, report=False, **earlier)
+            shutil.copy(result / "alarms.csv", listed)
+        found[detector] = read_table(listed, "alarms").assign(lane=name)
+    return found
+
+
+def rows_of(out: Path, condition: str) -> Iterator[list[object]]:
+    """Yield what each detector finds of the mines laid since, over all roads."""
+    detectors = list(DECLARED["detectors"])
+    lists: dict[str, list[pd.DataFrame]] = {detector: [] for detector in detectors}
+    truths, lanes, decoys = [], {}, []
+    for road in roads():
+        for detector, alarms in alarms_of(out, road, condition).items():
+            lists[detector].append(alarms)
+        scene = scene_of(road[1], DECLARED["conditions"][condition]).at_drive(2)
+        world = draw_world(scene, road[2])
+        truths.append(world.truth().assign(lane=road[0]))
+        dug = [hole for hole in world.holes if hole.target is None]
+        of_before = draw_world(scene_of(road[1], {}), road[2]).holes
+        old = {(hole.x, hole.y) for hole in of_before}
+        decoys += [(road[0], hole.x, hole.y) for hole in dug if (hole.x, hole.y) not in old]
+        lanes[road[0]] = Lane(scene.x_min, scene.x_max, 0.0, scene.length)
+    truth = pd.concat(truths, ignore_index=True)
+    matches = {}
+    for detector in detectors:
+        alarms = pd.concat(lists[detector], ignore_index=True)
+        old_mines = truth[truth["laid"] == 1]
+        kept = alarms[~near(alarms, old_mines, DECLARED["halo"])]
+        laid = truth[truth["laid"] == 2].reset_index(drop=True)
+        matches[detector] = match(kept.reset_index(drop=True), laid, lanes, DECLARED["halo"])
+    compared = side_by_side(matches, DECLARED["fars"], means=False)
+    points = compared.points.set_index(["detector", "far_allowed"])
+    for detector in detectors:
+        row: list[object] = [condition, detector]
+        for far in DECLARED["fars"]:
+            point = points.loc[(detector, far)]
+            row.append(with_share(int(point["n_detected"]), int(point["n_targets"])))
+        places = pd.DataFrame(decoys, columns=["lane", "x", "y"])
+        yield [
+            *row,
+            against(compared.pairs, detectors, detector),
+            raised(matches[detector], places),
+        ]
+
+
+def near(alarms: pd.DataFrame, places: pd.DataFrame, halo: float) -> np.ndarray:
+    """Return which alarms lie within a halo of places of their lane."""
+    found = np.zeros(len(alarms), bool)
+    for _, place in places.iterrows():
+        away = np.hypot(alarms["x"] - place["x"], alarms["y"] - place["y"])
+        found |= ((away <= halo) & (alarms["lane"] == place["lane"])).to_numpy()
+    return found
+
+
+def against(pairs: pd.DataFrame, detectors: list[str], detector: str) -> str:
+    """Return p of the last detector against an other at 0.02 per m², and what each alone finds."""
+    if detector == detectors[-1]:
+        return ""
+    of_pair = pairs[pairs["far_allowed"] == 0.02]
+    both = of_pair[["first", "second"]].apply(set, axis=1) == {detector, detectors[-1]}
+    pair = of_pair[both].iloc[0]
+    return f"+{pair['only_first']} -{pair['only_second']}, p = {pair['p']:.2g}"
+
+
+def raised(matched: Any, decoys: pd.DataFrame) -> str:
+    """Return how many decoys have an alarm above the threshold at 0.02 per m² that they do not set."""
+    if decoys.empty:
+        return ""
+    false = matched.alarms[~near(matched.alarms, matched.truth, matched.halo)]
+    own = near(false, decoys, matched.halo)
+    area = sum(lane.area for lane in matched.lanes.values())
+    threshold = np.sort(false.loc[~own, "confidence"])[::-1][int(0.02 * area)]
+    strong = false[own & (false["confidence"] > threshold)]
+    return f"{int(near(decoys.assign(confidence=0), strong, matched.halo).sum())} of {len(decoys)}"
+
+
+def main() -> None:
+    """Run the conditions and print what is found."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--conditions", nargs="*", default=list(DECLARED["conditions"]))
+    given = parser.parse_args()
+    heads = ["second drive", "detector", *(f"at {far:g} per m²" for far in DECLARED["fars"])]
+    heads += ["against two drives at 0.02", "decoys raised"]
+    for condition in given.conditions:
+        print(markdown(heads, list(rows_of(given.out, condition))), flush=True)
+
+
+if __name__ == "__main__":
+    main()

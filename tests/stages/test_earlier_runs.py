@@ -1,0 +1,131 @@
+"""The stage `earlier` subtracts what earlier drives over the road predict: what was laid since stands out."""
+
+import numpy as np
+import pytest
+
+import flgpr
+from flgpr.method.method import detect
+from flgpr.model import make_run
+from flgpr.recipe.make import with_earlier
+from flgpr.recipe.schema import parse_recipe, recipe_text
+from flgpr.store import save_run
+from small_lane import LANE, LANE_TOML, RX, TARGETS, TX, course, echoes, scatterers, small_recipe
+
+FREQUENCY = 0.75e9 + 1.11e9 / 74 * np.arange(74)
+OLD = TARGETS[:1]
+
+
+def drive(seed, targets, offset=0.0, scans=13, frequency=FREQUENCY):
+    """Make a drive over the same ground, with poses and noise of its own."""
+    rng = np.random.default_rng(seed)
+    pose = course(rng, 0.6 * np.arange(scans) - 0.5 + 0.2 * rng.random(scans), 0.05)
+    places, matrix = scatterers(np.random.default_rng(12), targets)
+    matrix = matrix.copy()
+    matrix[: len(matrix) - len(targets)] *= 3  # clutter in which single looks find little
+    signal = echoes(rng, frequency, pose, places, matrix)
+    pose[:, 0] += offset
+    return make_run(signal, frequency, ["HH", "VV", "HV"], TX, RX, pose)
+
+
+def recipe():
+    text = small_recipe().replace("[features]\nvariants = true", "[features]\n")
+    return with_earlier(text)
+
+
+def strongest_near(detection, target):
+    """Return the rank of the first alarm within 0.4 m of a target."""
+    alarms = detection.alarms
+    near = np.hypot(alarms["x"] - target[0], alarms["y"] - target[1]) < 0.4
+    return int(np.flatnonzero(near)[0]) + 1 if near.any() else len(alarms) + 1
+
+
+@pytest.fixture(scope="module")
+def drives():
+    return drive(1, OLD), drive(2, TARGETS)
+
+
+def test_what_was_laid_since_outranks_what_was_there_before(drives):
+    before, today = drives
+    found = detect(today, parse_recipe(recipe()), LANE, others={"before": before})
+    new = [strongest_near(found, target) for target in TARGETS[1:]]
+    assert min(new) == 1
+    assert max(new) <= 3
+    assert strongest_near(found, OLD[0]) > 4
+    alone = detect(today, parse_recipe(small_recipe()), LANE)
+    assert strongest_near(alone, OLD[0]) < strongest_near(found, OLD[0])
+    assert found.notes["earlier_suppression_db"] > 4
+    assert found.notes["scans_without_earlier"] == 0
+
+
+def test_tracks_that_are_off_are_moved_onto_each_other(drives):
+    before, _ = drives
+    today = drive(2, TARGETS, offset=0.15)
+    found = detect(today, parse_recipe(recipe()), LANE, others={"before": before})
+    new = [strongest_near(found, target + [0.15, 0]) for target in TARGETS[1:]]
+    assert max(new) <= 3
+    assert found.notes["earlier_offset"] == pytest.approx(0.15, abs=0.06)
+
+
+def test_detect_takes_earlier_runs_by_one_option_and_says_how_they_fit(drives, tmp_path):
+    before, today = drives
+    for name, run in (("before", before), ("today", today)):
+        save_run(run, tmp_path / f"{name}.zarr")
+    (tmp_path / "lane.toml").write_text(LANE_TOML)
+    (tmp_path / "own.toml").write_text(small_recipe())
+    result = flgpr.detect(
+        tmp_path / "today.zarr",
+        recipe=tmp_path / "own.toml",
+        lane=tmp_path / "lane.toml",
+        before=tmp_path / "before.zarr",
+        output=tmp_path / "result",
+    )
+    run = result.manifest["run"]
+    assert run["others"]["before"]["path"].endswith("before.zarr")
+    assert any(
+        "what an earlier drive predicts is subtracted" in said for said in run["searched"]["notes"]
+    )
+    assert flgpr.replay(tmp_path / "result")["identical"]
+
+
+def test_scans_that_no_earlier_one_lies_near_are_counted(drives):
+    before, today = drives
+    first_half = before.isel(scan=slice(4))
+    found = detect(today, parse_recipe(recipe()), LANE, others={"before": first_half})
+    assert found.notes["scans_without_earlier"] > 2
+
+
+@pytest.mark.parametrize(
+    ("others", "message"),
+    [
+        ({}, "`before` must give an earlier run of the road"),
+        ({"x": None}, "`before` must give an earlier run of the road"),
+        ({"before": "HV alone"}, "run before must have the polarizations .* got none of HH, VV"),
+        ({"before": "other tones"}, "run before must have the tones of the run, 74 .* got 80 from"),
+    ],
+)
+def test_what_is_no_earlier_run_is_refused(drives, others, message):
+    before, today = drives
+    runs = {
+        None: before,
+        "HV alone": before.sel(polarization=["HV"]),
+        "other tones": drive(1, OLD, frequency=FREQUENCY[0] + 1.4e7 * np.arange(80)),
+    }
+    with pytest.raises(ValueError, match=message):
+        detect(today, parse_recipe(recipe()), LANE, others={n: runs[r] for n, r in others.items()})
+
+
+def test_before_is_for_a_single_run(drives, tmp_path):
+    with pytest.raises(ValueError, match="before must be given for a single run, got 2 runs"):
+        flgpr.detect([tmp_path / "a", tmp_path / "b"], before=tmp_path / "c", output=tmp_path / "r")
+
+
+@pytest.mark.parametrize("name", ["wang2007", "fuse2018", "demo", "fused"])
+def test_the_stage_is_the_last_of_any_recipe_and_stands_once(name):
+    text = with_earlier(recipe_text(name))
+    assert [one.stage for one in parse_recipe(text).clutter][-1] == "earlier"
+    assert with_earlier(text) == text
+
+
+def test_a_recipe_made_for_a_run_takes_the_stage_beside_its_own():
+    text = 'name = "a"\nclutter = [{stage = "early"}]\n'
+    assert with_earlier(text) == 'name = "a"\nclutter = [{stage = "early"}, {stage = "earlier"}]\n'
