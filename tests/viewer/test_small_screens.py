@@ -170,7 +170,7 @@ def in_first_screen(page):
     box = page.locator("#answer").bounding_box()
     size = page.viewport_size
     return (
-        0 <= box["x"]
+        box["x"] >= 0
         and box["x"] + box["width"] <= size["width"]
         and (box["y"] + box["height"] <= size["height"] / 2)
     )
