@@ -267,19 +267,6 @@ def test_nothing_of_a_release_needs_credentials_of_ones_own():
         assert "secrets." not in file.read_text(encoding="utf-8"), file.name
 
 
-def test_the_table_of_sizes_names_packages_that_are_installed():
-    page = (ROOT / "docs" / "guide" / "install.md").read_text(encoding="utf-8")
-    table = page.partition("| package | MiB |")[2].partition("\n\n")[0]
-    named = set()
-    for row in table.splitlines()[2:]:
-        cell = row.split("|")[1]
-        named |= {plain(name.strip()) for name in re.split(r", | and ", cell)}
-    pinned = (ROOT / "constraints.txt").read_text().splitlines()
-    known = {plain(line.partition("==")[0]) for line in pinned} | {"flgpr"}
-    assert {name for name in named - known if "small" not in name} == set()
-    assert len(named) > 20
-
-
 def test_the_page_of_the_installation_lists_every_extra():
     page = (ROOT / "docs" / "guide" / "install.md").read_text(encoding="utf-8")
     table = page.partition("| extra | for what |")[2].partition("\n\n")[0]

@@ -71,8 +71,11 @@ def test_what_are_no_verdicts_is_refused_in_a_line(analysts, tmp_path):
     cases = {
         "verdicts must have alarms in common": [analysts[0], other],
         "notes must name every alarm once": [analysts[0], twice],
-        "verdict must be mine, unsure, clutter or empty, got 'bush'": [analysts[0], wrong],
-        "must have x and y in metres": [analysts[0], nan],
+        "verdict: input should be 'mine', 'unsure', 'clutter' or '', got 'bush'": [
+            analysts[0],
+            wrong,
+        ],
+        "notes.0.x: input should be a finite number": [analysts[0], nan],
         "not verdicts of `flgpr view`": [analysts[0], tmp_path / "cut.json"],
         "verdicts not found": [analysts[0], tmp_path / "none.json"],
         "two analysts or more, got 1": [analysts[0]],

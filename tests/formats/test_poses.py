@@ -189,7 +189,7 @@ def test_axes_written_as_a_span(tmp_path):
 
 
 def test_files_of_a_scan_each_with_positions_elsewhere(tmp_path):
-    data = np.random.default_rng(0).normal(size=(12, 3)) + 0j
+    data = np.random.default_rng(0).normal(size=(12, 3)) + 1j
     for k, scan in enumerate(data):
         np.save(
             tmp_path / f"scan_{k}.npy", scan

@@ -121,7 +121,10 @@ def test_two_anchors_and_a_line_without_fixes_are_refused(tmp_path):
     (tmp_path / "anchor.toml").write_text("")
     both = ("--anchor-from-track", "--anchor", tmp_path / "anchor.toml")
     done = run("import", "gpr", path, "-o", tmp_path / "a.zarr", *both)
-    assert "anchor and anchor-from-track both say where the lane lies: give one" in done.output
+    assert (
+        "anchor, anchor-from-track, line-spacing and lines all tell where lines lie: give one"
+        in done.output
+    )
 
 
 MAPPING = line_mapping("drive.npz", polarization="VV", height=1.5)

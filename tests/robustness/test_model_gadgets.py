@@ -539,7 +539,7 @@ def test_info_tells_what_a_model_holds_without_loading_it(trained, tmp_path, mon
         trained["random-forest"], tmp_path / "model",
         lambda about, arrays: about["notes"].update({"\x1b[31mred": "\x1b]0;title\x07", "long": "x" * 500}),
     )  # fmt: skip
-    monkeypatch.setattr(Bundle, "_read", lambda *_: pytest.fail("an array was read"))
+    monkeypatch.setattr(Bundle, "__getitem__", lambda *_: pytest.fail("an array was read"))
     ran = CliRunner().invoke(app, ["info", str(folder)])
     assert ran.exit_code == 0, ran.output
     for told in (

@@ -182,8 +182,7 @@ def detect(
 ) -> Result | Survey:
     """Raise alarms on runs; truth is not needed and not read. An interrupted run resumes.
 
-    One run gives the result folder OUTPUT, several give OUTPUT/NAME each and OUTPUT/survey.json.
-    Sections of a lane have folders of their own, section-01 and so on, and a table of all alarms.
+    Several runs give OUTPUT/NAME each and survey.json; sections of a lane lie in section-01 and on.
 
     Parameters
     ----------

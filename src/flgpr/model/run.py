@@ -62,7 +62,7 @@ def make_run(
     ----------
     signal : (scan, polarization, pair, frequency) array_like of complex
         Received field over transmitted field. Sweeps with values that are not finite are missing, and
-        so are those of a scan of zeros beside other scans.
+        so are those of a scan of zeros beside other scans. A real signal is warned of.
     frequency : (frequency,) array_like
         Tones in Hz, strictly increasing; they need not be uniform.
     polarization : (polarization,) array_like of str
@@ -86,11 +86,6 @@ def make_run(
     ------
     ValueError
         If a parameter breaks its rule.
-
-    Warns
-    -----
-    UserWarning
-        If the signal is real.
     """
     data = _checked_signal(signal)
     if is_real(data):

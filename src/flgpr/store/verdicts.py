@@ -19,7 +19,7 @@ VERDICTS_FORMAT = "flgpr-notes"
 VERDICTS_VERSION = 1
 MOST_VERDICT_BYTES = 16 * 2**20
 _FARTHEST = 1e9  # coordinate of an alarm, m
-_Coordinate = Annotated[int | float, Field(gt=-_FARTHEST, lt=_FARTHEST)]
+_Coordinate = Annotated[float, Field(gt=-_FARTHEST, lt=_FARTHEST, allow_inf_nan=False)]
 
 
 class _Verdict(BaseModel):
