@@ -349,21 +349,19 @@ def pd_in_words(score: Mapping[Any, Any]) -> str:
 
 def paired_in_words(score: Mapping[Any, Any], before: str = "") -> str:
     """Return the paired comparison with the reference as text; "" for the reference itself."""
-    p = score.get("p")
-    if p is None or not np.isfinite(p):
+    if pd.isna(score.get("p")):
         return ""
-    return f"{before}+{score['only']:.0f} -{score['reference_only']:.0f}, p = {p:.2g}"
+    return f"{before}+{score['only']:.0f} -{score['reference_only']:.0f}, p = {score['p']:.2g}"
 
 
 def paired_sentence(score: Mapping[Any, Any], entry: str, reference: str) -> str:
     """Return what an entry misses and finds beside another, as a sentence; "" without a pair."""
-    p = score.get("p")
-    if p is None or not np.isfinite(p):
+    if pd.isna(score.get("p")):
         return ""
     missed, found = score["reference_only"], score["only"]
     return (
         f"{entry} misses {missed:.0f} {'mine' if missed == 1 else 'mines'} that {reference} finds, "
-        f"and finds {found:.0f} that {reference} misses (McNemar p = {p:.2g})."
+        f"and finds {found:.0f} that {reference} misses (McNemar p = {score['p']:.2g})."
     )
 
 
@@ -389,7 +387,7 @@ def best_sentence(tier: Ground, scores: pd.DataFrame) -> str:
     if ranked.empty:
         return ""
     best = ranked.iloc[0].to_dict()
-    tied = int((ranked["pd"] == best["pd"]).sum()) - 1
+    tied = (ranked["pd"] == best["pd"]).sum() - 1
     others = f", as {'does one other' if tied == 1 else f'do {tied} others'}" if tied else ""
     return (
         f"{best['entry']} finds most{others}: {best['n_detected']:.0f} of {best['n_targets']:.0f} "
@@ -401,13 +399,12 @@ def best_sentence(tier: Ground, scores: pd.DataFrame) -> str:
 
 def beside_reference(score: Mapping[Any, Any], reference: str) -> str:
     """Return whether an entry is told apart from the reference, to end a sentence."""
-    p = score.get("p")
     if score["entry"] == reference:
         return "; it is the reference"
-    if p is None or not np.isfinite(p):
+    if pd.isna(score.get("p")):
         return f"; not compared with {reference}"
-    told = "told apart" if p < TOLD_APART else "not told apart"
-    return f"; {told} from the reference {reference} (McNemar p = {p:.2g})"
+    told = "told apart" if score["p"] < TOLD_APART else "not told apart"
+    return f"; {told} from the reference {reference} (McNemar p = {score['p']:.2g})"
 
 
 def write_score_tables(folders: Sequence[str | Path], output: str | Path) -> str:
@@ -435,7 +432,6 @@ def write_score_tables(folders: Sequence[str | Path], output: str | Path) -> str
     target = Path(output)
     scores, costs = score_entries(benchmarks)
     ground = common_ground(benchmarks)
-    reference = ground.table.reference
     target.mkdir(parents=True, exist_ok=True)
     write_whole(target / "scores.csv", scores.to_csv(index=False, float_format="%.6g"))
     write_whole(target / "costs.csv", costs.to_csv(index=False, float_format="%.4g"))
@@ -444,7 +440,8 @@ def write_score_tables(folders: Sequence[str | Path], output: str | Path) -> str
     opening = scores_at(scores, ground, opening_split(ground))
     told = []
     for score in opening[opening["entry"].isin(own)].to_dict("records"):
-        told.append((score.get("tier"), paired_sentence(score, score["entry"], reference)))
+        words = paired_sentence(score, score["entry"], ground.table.reference)
+        told.append((score.get("tier"), words))
     told += [(tier.tier, best_sentence(tier, scores)) for tier in ground.chosen_tiers()]
     answers = [f"{tier}: {words}" if ground.table.tiers else words for tier, words in told if words]
     write_page(target / "index.html", _page(ground, scores, costs, titles, answers))

@@ -147,8 +147,8 @@ def _opened_arrays(files: Sequence[Path], mapping: Path, logs: Sequence[Path] = 
     questions = []
     if logs:
         text = re.sub(r"\n\[pose\].*?(?=\n\[|\Z)", "", text, flags=re.DOTALL)
-        track = shlex.quote(str(logs[0]))
-        following += f" --track {track} --anchor-from-track --above-ground HEIGHT"
+        following += f" --track {shlex.quote(str(logs[0]))}"
+        following += " --anchor-from-track --above-ground HEIGHT"
         questions = [
             f"how high is the antenna of {logs[0].name} above the ground, m? --above-ground"
         ]
@@ -167,21 +167,15 @@ def _opened_arrays(files: Sequence[Path], mapping: Path, logs: Sequence[Path] = 
 
 
 def _holdings(roles: Roles, kind: str, logs: Sequence[Path]) -> str:
-    """Return in words which files hold the signal and the track, and how many are left."""
+    """Return in words how many files hold the signal, and which are the track."""
     signal = roles.data.paths
-    tracks = list(logs)
+    tracks = [*logs]
     if roles.places is not None and roles.places.group is not roles.data:
         tracks += roles.places.group.paths
-    rest = sum(len(group.paths) for group in roles.groups) + len(logs) - len(signal) - len(tracks)
     held = f"{len(signal)} files hold a signal"
     if len(signal) == 1:
         held = f"{signal[0].name}, a {kind}, holds a signal"
-    parts = [held]
-    if tracks:
-        parts.append(f"{' and '.join(path.name for path in tracks)} the track")
-    if rest:
-        parts.append(f"{rest} more {'belong' if rest > 1 else 'belongs'} to it")
-    return ", ".join(parts)
+    return f"{held}, {' and '.join(path.name for path in tracks)} the track" if tracks else held
 
 
 def _is_log(path: Path) -> bool:
