@@ -44,6 +44,8 @@ _FIRST_JUDGED = 24  # scans from which on sums are judged, and then at twice as 
 _EVERY = (4, 16)  # scans between two looks at the geometry, while there are few, and later
 _MANY = 32  # scans, after which it is later
 _LEAST_VALUES = 10  # of the agreement of looks, to be judged
+_FIRST_VALUES = 4  # from which on a way may be far off
+_FAR = 0.5  # of the agreement as stated, under which a way is
 _REMEMBERED = 160  # places, and values of the agreement, that are judged
 _FEW_TONES = 0.01  # share of the tones that are filled in from those beside
 _LOOKED_AT = 4  # consecutive scans of a look, with the poses of those before and after
@@ -411,8 +413,10 @@ class LiveLooks:
             return []
         stated = scans.agreement(points_every=POINTS_FEW)
         for one, other in tried(scans, quick=True):
-            pairs = np.column_stack([stated, other.agreement(points_every=POINTS_FEW)])
             known = self._values.setdefault(one.name, [])
+            if len(known) >= _FIRST_VALUES and np.mean(known, axis=0)[1] < _FAR * stated.mean():
+                continue  # as long as what is stated agrees
+            pairs = np.column_stack([stated, other.agreement(points_every=POINTS_FEW)])
             known += pairs.tolist()
             del known[:-_REMEMBERED]
         ways = []
