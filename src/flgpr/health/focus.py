@@ -238,9 +238,8 @@ def taken(
     # conjugated and turned round.
     places = (np.arange(tones) - tones // 2) % bins
     spectrum[..., places] = echoes * np.hanning(tones + 2)[1:-1]
-    profiles = fft.ifft(spectrum, axis=-1, norm="forward")
     return Taken(
-        profiles.astype(np.complex64),
+        fft.ifft(spectrum, axis=-1, norm="forward"),
         SPEED_OF_LIGHT / (float(np.median(np.diff(frequency))) * bins),
         float(frequency[tones // 2]),
         list(numbers),
