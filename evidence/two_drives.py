@@ -1,7 +1,8 @@
 """What an earlier drive over the same road is worth: mines laid since, found with it and without.
 
-``python evidence/two_drives.py OUT [--conditions NAME ...]`` simulates the drives that ``two_drives.toml`` declares, runs
-the detectors on the second ones and prints how many of the mines laid between them each finds. What is there is kept.
+``python evidence/two_drives.py OUT [--conditions NAME ...]`` simulates the drives that ``two_drives.toml`` declares,
+runs the detectors on the second ones and prints how many of the mines laid between them each finds. What is there is
+kept.
 """
 
 from __future__ import annotations
@@ -112,6 +113,10 @@ def alarms_of(out: Path, road: tuple[str, str, int], condition: str) -> dict[str
         listed = home / f"alarms-{number}.csv"
         if not listed.is_file():
             before = driven(out / name / "first", scene_of(site, {}), seed)
+            if condition in DECLARED["control"]:
+                other = DECLARED["control"][condition]
+                then = scene_of(site, DECLARED["conditions"][other]).at_drive(2)
+                before = driven(out / name / other.replace(" ", "-"), then, seed)
             run = driven(home, scene.at_drive(2), seed)
             text = RECIPE.format(**entries)
             recipe = home / f"recipe-{number}.toml"

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from flgpr.clutter.streaming import mean_filtered
+from flgpr.clutter.estimator import mean_filtered
 from flgpr.kernels.filters import median_stack
 from flgpr.kernels.sampling import bilinear
 from reference.wang2007 import filtered

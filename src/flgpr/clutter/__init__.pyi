@@ -15,6 +15,10 @@ from flgpr.clutter.coherence import iterate_frames as iterate_frames
 from flgpr.clutter.coherence import measured_coherence as measured_coherence
 from flgpr.clutter.early import early_basis as early_basis
 from flgpr.clutter.early import subtract_early as subtract_early
+from flgpr.clutter.estimator import Background as Background
+from flgpr.clutter.estimator import BackgroundEstimator as BackgroundEstimator
+from flgpr.clutter.estimator import shared_gain as shared_gain
+from flgpr.clutter.estimator import shared_level as shared_level
 from flgpr.clutter.iteration import TABLE_II as TABLE_II
 from flgpr.clutter.iteration import Amplitude as Amplitude
 from flgpr.clutter.iteration import Iterated as Iterated
@@ -41,10 +45,6 @@ from flgpr.clutter.standing import remove_standing as remove_standing
 from flgpr.clutter.standing import standing_field as standing_field
 from flgpr.clutter.standing import subtract_mean_scan as subtract_mean_scan
 from flgpr.clutter.standing import subtract_standing as subtract_standing
-from flgpr.clutter.streaming import Background as Background
-from flgpr.clutter.streaming import BackgroundEstimator as BackgroundEstimator
-from flgpr.clutter.streaming import shared_gain as shared_gain
-from flgpr.clutter.streaming import shared_level as shared_level
 from flgpr.clutter.suppression import Suppression as Suppression
 from flgpr.clutter.suppression import suppress_by_model as suppress_by_model
 from flgpr.clutter.traces import band_pass as band_pass

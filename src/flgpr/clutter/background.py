@@ -1,7 +1,7 @@
 """The background of images in memory, step by step (Wang et al. 2007, Sec. II-A, Eq. 2-5).
 
 A detection does not come here: it takes :class:`flgpr.clutter.BackgroundEstimator`
-(``clutter/streaming.py``) scan by scan, whose steps these functions take for all scans at once.
+(``clutter/estimator.py``) scan by scan, whose steps these functions take for all scans at once.
 
 With v_k = m_k exp(iθ_k) the image of scan k, of one polarization and sub-band, μ_k and σ_k the mean
 and the standard deviation of m_k over its pixels, and r_k the rms of the lowest 75 % of m_k:
@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from flgpr.clutter.streaming import (
+from flgpr.clutter.estimator import (
     BackgroundEstimator,
     SelfSignature,
     check_method,

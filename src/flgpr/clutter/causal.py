@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from flgpr.clutter.streaming import (
+from flgpr.clutter.estimator import (
     Background,
     by_channel,
     check_smoothing,

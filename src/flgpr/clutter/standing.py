@@ -17,8 +17,8 @@ from itertools import pairwise
 import numpy as np
 import xarray as xr
 
+from flgpr.clutter.estimator import complex_median
 from flgpr.clutter.recorded import has_data
-from flgpr.clutter.streaming import complex_median
 from flgpr.model import complete_scans
 from flgpr.model.aperture import half_steps
 from flgpr.model.run import with_signal

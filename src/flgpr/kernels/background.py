@@ -1,6 +1,6 @@
 """Compiled pixel loops of the background, to make it faster (Wang et al. 2007, Eq. 2, 3 and 5).
 
-What is estimated in which order, and why, is in :mod:`flgpr.clutter.streaming`, which calls these
+What is estimated in which order, and why, is in :mod:`flgpr.clutter.estimator`, which calls these
 loops; the equations are in :mod:`flgpr.clutter.background`.
 """
 

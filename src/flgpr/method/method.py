@@ -52,7 +52,7 @@ def passes_of(lane: ImagedRun) -> list[PlannedPass]:
     # What stages need of the raw data first, such as a field that stands still.
     passes = [planned for stage in lane.all_stages for planned in stage.passes()]
 
-    # The background (clutter/streaming.py): the self-signature with the gain of every scan (Eq. 2;
+    # The background (clutter/estimator.py): the self-signature with the gain of every scan (Eq. 2;
     # with the recipe's self_signature = "none" the gain alone), and the gain background (Eq. 3 and
     # 4), in units of which images are cleaned.
     passes.append(plan(lane, SelfSignaturePass))

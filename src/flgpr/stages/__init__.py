@@ -363,6 +363,7 @@ class ScreenStage(Stage):
 class FeatureStage(Stage):
     """Adds columns to the features of alarms, by one of the two methods or both.
 
+    A recipe names it under ``[[columns]]``, and its columns among ``features`` of a detector.
     Of the values of ``of_image`` the mean over all scans that see an alarm is taken, live over
     those so far; the chain gathers them. A stage with ``of_view`` waits for the whole run.
     """

@@ -23,7 +23,7 @@ class SelfSignaturePass(Pass):
 
     It is the clipped mean of all images, each over its gain (Eq. 2), their median, or zero, as the
     recipe has it. The sums are those of :class:`flgpr.clutter.BackgroundEstimator`
-    (``clutter/streaming.py``): ``measure`` gives the gain, ``add_signature`` the sum and
+    (``clutter/estimator.py``): ``measure`` gives the gain, ``add_signature`` the sum and
     ``signature`` the mean.
 
     The result holds ``gains`` (scan, polarization, subband), and ``signature`` and ``shared``

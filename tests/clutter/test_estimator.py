@@ -11,7 +11,7 @@ from flgpr.clutter import (
     scan_gain,
     self_signature,
 )
-from flgpr.clutter.streaming import mean_filtered
+from flgpr.clutter.estimator import mean_filtered
 from reference import wang2007
 
 
