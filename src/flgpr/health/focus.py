@@ -14,7 +14,6 @@ from functools import cached_property
 from itertools import chain, combinations
 
 import numpy as np
-from scipy import fft
 
 from flgpr.health.sums import LEAST_POWER
 from flgpr.model.constants import SPEED_OF_LIGHT
@@ -238,8 +237,10 @@ def taken(
     # conjugated and turned round.
     places = (np.arange(tones) - tones // 2) % bins
     spectrum[..., places] = echoes * np.hanning(tones + 2)[1:-1]
+    # SciPy is not loaded for it, so that `flgpr info` begins at once.
+    profiles = np.fft.ifft(spectrum, axis=-1, norm="forward")
     return Taken(
-        fft.ifft(spectrum, axis=-1, norm="forward"),
+        profiles.astype(np.complex64),
         SPEED_OF_LIGHT / (float(np.median(np.diff(frequency))) * bins),
         float(frequency[tones // 2]),
         list(numbers),
