@@ -238,9 +238,8 @@ def taken(
     places = (np.arange(tones) - tones // 2) % bins
     spectrum[..., places] = echoes * np.hanning(tones + 2)[1:-1]
     # SciPy is not loaded for it, so that `flgpr info` begins at once.
-    profiles = np.fft.ifft(spectrum, axis=-1, norm="forward")
     return Taken(
-        profiles.astype(np.complex64),
+        np.fft.ifft(spectrum, axis=-1, norm="forward").astype(np.complex64),
         SPEED_OF_LIGHT / (float(np.median(np.diff(frequency))) * bins),
         float(frequency[tones // 2]),
         list(numbers),
