@@ -71,7 +71,7 @@ def judged(run: xr.Dataset) -> dict[str, Any]:
     seen = examined(run)
     health = seen.health
     figures = {**statistics(seen.sums, seen.radar), "frozen positions": 0.0}
-    scans = taken_of_run(run, seen.sums, seen.radar, health.left_out, first=True)
+    scans = taken_of_run(run, seen.sums.mean, seen.radar, health.left_out, first=True)
     for one, gain in first_gains(scans):
         figures[one.question] = max(gain, figures.get(one.question, -np.inf))
     figures |= {finding.name: finding.value for finding in health.findings}

@@ -18,7 +18,7 @@ def clean():
 @pytest.fixture(scope="module")
 def taken(clean):
     seen = examined(clean)
-    return taken_of_run(clean, seen.sums, seen.radar, seen.health.left_out)
+    return taken_of_run(clean, seen.sums.mean, seen.radar, seen.health.left_out)
 
 
 def drifting(signal, pose):

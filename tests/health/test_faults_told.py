@@ -52,6 +52,26 @@ def test_a_run_that_is_not_taken_as_it_was_recorded_is_told_with_what_is_wrong(
     assert words in one.words
 
 
+@pytest.mark.parametrize("at", ["frozen", "anywhere", "standing"])
+@pytest.mark.parametrize("words", ["conjugated", "reverse order"])
+def test_a_scene_at_the_mirror_of_its_paths_is_told_without_poses(clean, at, words):
+    def unmoved(signal, pose):
+        middle = len(pose) // 2
+        if at == "standing":
+            signal[:] = signal[middle] + 0.1 * noise(np.random.default_rng(5), *signal.shape)
+        pose[middle if at == "frozen" else 0 :] = pose[middle]
+
+    right = with_fault(clean, unmoved)
+    before = names(right)
+    assert before == (["frozen positions"] if at == "frozen" else [])
+    turned = np.conj if words == "conjugated" else lambda signal: signal[..., ::-1]
+    *others, one = health_of_run(with_fault(right, lambda s, p: (turned(s), p))).findings
+    assert [other.name for other in others] == before
+    assert one.name == "paths"
+    assert words in one.words
+    assert one.advice
+
+
 def test_a_course_beside_the_lane_is_told_and_one_within_is_not(clean):
     aside = with_fault(clean, lambda signal, pose: (signal, pose + [2, 0, 0, 0, 0, 0]))
     lane = Lane(-1.5, 1.5, 2.0, 12.0)
@@ -168,6 +188,26 @@ def test_scans_that_overtake_one_another_are_not_taken_for_consecutive_ones(long
     for place, pose in enumerate(longer["pose"].values):
         watch.take(longer["signal"].values[place], pose, follows=place % 3 > 0)
     assert watch.looks._looked == 0
+
+
+def test_live_tries_a_way_that_is_far_off_again_where_what_is_stated_fails(longer):
+    def turning(signal, pose):
+        pose[25:, 3] += np.pi
+
+    def tried(run):
+        """Return how often a turned heading and late poses were tried."""
+        watch = LiveHealth(radar_of(run))
+        for signal, pose in zip(run["signal"].values, run["pose"].values, strict=True):
+            watch.take(signal, pose)
+        known = watch.looks._values
+        return [
+            next(len(known[name]) for name in known if words in name)
+            for words in ("180 degrees", "1 scan late")
+        ]
+
+    turned, late = tried(longer)
+    assert turned < late
+    assert tried(with_fault(longer, turning))[0] > turned
 
 
 @pytest.mark.parametrize("pairs", [1, 2])

@@ -145,7 +145,7 @@ def _coherence(sums: HealthSums) -> FloatArray:
     The mean of N independent sweeps has 1/N of their power.
     """
     count = np.maximum(sums.sweeps, 1)
-    standing = np.mean(np.abs(sums.standing / count[..., None]) ** 2, axis=-1)
+    standing = np.mean(np.abs(sums.mean) ** 2, axis=-1)
     total = sums.power / count
     share = np.divide(standing, total, out=np.zeros_like(total), where=total > 0)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -194,13 +194,12 @@ def _gaps(run: xr.Dataset) -> Iterator[Check]:
 def _of_geometry(of_run: Examined) -> Iterator[Check]:
     """Yield of sign, order, heading, lag, height and units what is doubtful, right or not seen."""
     ways = of_run.ways
+    told = {one.name for one in of_run.health.findings}
     if not ways.is_seen:
-        is_spoilt = any(one.name in SPOILING for one in of_run.health.findings)
-        questions = ", ".join(QUESTIONS.values())
+        questions = ", ".join(words for name, words in QUESTIONS.items() if name not in told)
         words = f"whether {questions} are right cannot be told: {of_run.unseen}"
-        yield Check("focus", UNSEEN if is_spoilt else DOUBTFUL, words)
+        yield Check("focus", DOUBTFUL if told.isdisjoint(SPOILING) else UNSEEN, words)
         return
-    told = {way.hypothesis.question for way in ways.adopted}
     for question in QUESTIONS:
         others = [way for way in ways.others if way.hypothesis.question == question]
         if others and question not in told:

@@ -189,12 +189,12 @@ class Finding:
 
     def as_json(self) -> dict[str, Any]:
         """Return it as JSON values, without what does not apply."""
-        entries = {name: value for name, value in asdict(self).items() if value not in ("", ())}
-        entries["sentence"] = self.sentence
-        for name in ("pairs", "polarizations", "tones"):
-            if name in entries:
-                entries[name] = list(entries[name])
-        return entries
+        entries = {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in asdict(self).items()
+            if value not in ("", ())
+        }
+        return entries | {"sentence": self.sentence}
 
     def acted(self, done: str) -> Finding:
         """Return it with what was done."""

@@ -108,13 +108,11 @@ class Taken:
         return height * np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
 
     @cached_property
-    def _antennas_used(self) -> list[tuple[IndexArray, IndexArray]]:
-        """For transmitters and receivers a pair that has each, and which of these a pair has."""
-        used = []
-        for places in (self.tx, self.rx):  # pairs share antennas
-            _, first, of_pair = np.unique(places, axis=0, return_index=True, return_inverse=True)
-            used.append((first, of_pair.ravel()))
-        return used
+    def _antennas(self) -> tuple[FloatArray, IndexArray]:
+        """Places of the antennas, which pairs share, and numbers (2, pair) of those of each pair."""
+        every = np.concatenate([self.tx, self.rx])
+        places, numbers = np.unique(every, axis=0, return_inverse=True)
+        return places, numbers.reshape(2, -1)
 
     def look(self, scan: int, points: FloatArray) -> ComplexArray:
         """Return the image (polarization, point) of a scan, of unit norm.
@@ -127,15 +125,11 @@ class Taken:
             Points in the scan frame, m.
         """
         pose = self.pose[self.numbers[scan]]
-        length = np.zeros(1)
-        turn = np.ones(1, np.complex64)
-        for places, (first, of_pair) in zip((self.tx, self.rx), self._antennas_used, strict=True):
-            antennas = vehicle_to_scan(places[first], pose)
-            way = np.linalg.norm(points - antennas[:, None], axis=-1)
-            angle = (2 * np.pi * np.mod(self.carrier / SPEED_OF_LIGHT * way, 1)).astype(np.float32)
-            length = length + way[of_pair]
-            turn = turn * (np.cos(angle) + 1j * np.sin(angle))[of_pair]
-        position = length / self.bin_path
+        places, (tx, rx) = self._antennas
+        way = np.linalg.norm(points - vehicle_to_scan(places, pose)[:, None], axis=-1)
+        angle = (2 * np.pi * np.mod(self.carrier / SPEED_OF_LIGHT * way, 1)).astype(np.float32)
+        turn = np.cos(angle) + 1j * np.sin(angle)
+        position = (way[tx] + way[rx]) / self.bin_path
         below = position.astype(np.int32)
         share = (position - below).astype(np.float32)
         profiles = self.profiles[scan]
@@ -144,7 +138,7 @@ class Taken:
         rows = bins * np.arange(profiles.shape[-2])[:, None]
         lower = flat.take(rows + below % bins, axis=-1)
         upper = flat.take(rows + (below + 1) % bins, axis=-1)
-        image = ((lower + share * (upper - lower)) * turn).sum(axis=-2)
+        image = ((lower + share * (upper - lower)) * (turn[tx] * turn[rx])).sum(axis=-2)
         power = np.linalg.norm(image, axis=-1, keepdims=True)
         return np.asarray(image / np.maximum(power, LEAST_POWER))
 
@@ -243,9 +237,9 @@ def taken(
     # conjugated and turned round.
     places = (np.arange(tones) - tones // 2) % bins
     spectrum[..., places] = echoes * np.hanning(tones + 2)[1:-1]
-    profiles = np.fft.ifft(spectrum, axis=-1, norm="forward")
+    # SciPy is not loaded for it, so that `flgpr info` begins at once.
     return Taken(
-        profiles.astype(np.complex64),
+        np.fft.ifft(spectrum, axis=-1, norm="forward").astype(np.complex64),
         SPEED_OF_LIGHT / (float(np.median(np.diff(frequency))) * bins),
         float(frequency[tones // 2]),
         list(numbers),

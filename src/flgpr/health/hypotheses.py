@@ -326,6 +326,19 @@ def tried(taken: Taken, quick: bool) -> Iterator[tuple[Hypothesis, Taken]]:
             yield one, changed
 
 
+def judge_paths(taken: Taken | None) -> list[Finding]:
+    """Return whether a scene lies at the mirror of its paths, which is told without poses.
+
+    By which of the ways it came there they alone tell.
+    """
+    mirrored_db = np.nan if taken is None else -taken.scene_db()
+    if not mirrored_db > _SCENE_DB:
+        return []
+    ways = [one for one in HYPOTHESES if one.mirrors]
+    words = " or ".join(one.words for one in ways)
+    return [finding("paths", mirrored_db, words, advice=" or ".join(one.advice for one in ways))]
+
+
 def first_gains(taken: Taken) -> Iterator[tuple[Hypothesis, float]]:
     """Yield the quick ways, and how much better than what is stated they are at a first look, dB."""
     values = taken.agreement(points_every=POINTS_FEW)

@@ -27,9 +27,8 @@ from flgpr.health.findings import (
 from flgpr.health.focus import like_polarized
 from flgpr.health.sums import LEAST_POWER, HealthSums
 from flgpr.model import Lane
-from flgpr.types import FloatArray
+from flgpr.types import BoolArray, FloatArray
 
-BoolArray = NDArray[np.bool_]
 _BEFORE_LANE = 10.0  # m
 _LEAST_USUAL = 0.5  # likeness of neighbouring tones under which they say nothing of one another
 _LEAST_PAIRS = 4  # of fewer, the level of one says little of another's

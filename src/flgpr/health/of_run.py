@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from flgpr.health.findings import LEAST_SCANS, SPOILING, Finding
 from flgpr.health.focus import AIRBORNE, Taken, like_polarized, looked_at, mean_height, taken
-from flgpr.health.hypotheses import MOST_LAG, Ways, best_ways, first_gains
+from flgpr.health.hypotheses import MOST_LAG, Ways, best_ways, first_gains, judge_paths
 from flgpr.health.judging import (
     Health,
     LeftOut,
@@ -74,13 +74,14 @@ def examined(run: xr.Dataset, lane: Lane | None = None, thorough: bool = False) 
     found += judge_motion(steps, np.array(sums.changed))
     settled = what_to_leave_out(found, radar)
     ways = Ways()
-    unseen = _unseen(run, radar, found)
-    if not unseen:
-        few = taken_of_run(run, sums, radar, settled.left_out, first=True)
+    unseen = _unseen(run, radar)
+    unmoved = _unmoved(run, found)
+    if not (unseen or unmoved):
+        few = taken_of_run(run, sums.mean, radar, settled.left_out, first=True)
         if few is None:
             unseen = f"fewer than {LEAST_SCANS} consecutive scans are whole"
         elif thorough or any(gain > 0 for _, gain in first_gains(few)):
-            scans = taken_of_run(run, sums, radar, settled.left_out)
+            scans = taken_of_run(run, sums.mean, radar, settled.left_out)
             ways = best_ways(scans or few, quick=not thorough)
             if not ways.is_seen:
                 unseen = (
@@ -90,26 +91,34 @@ def examined(run: xr.Dataset, lane: Lane | None = None, thorough: bool = False) 
                 if few.height > AIRBORNE:
                     unseen = f"the antennas fly, {few.height:.3g} m above the ground"
     told = [way.finding for way in ways.adopted if ways.is_seen]
+    if unmoved and not unseen:
+        for standing in (
+            sums.mean,
+            np.zeros(1),
+        ):  # all that a vehicle that stands sees stands still
+            few = taken_of_run(run, standing, radar, settled.left_out, first=True)
+            told = told or judge_paths(few)
     findings = (*settled.findings, *told, *judge_course(run["pose"].values, lane))
-    return Examined(Health(findings, settled.left_out), radar, sums, ways, unseen)
+    return Examined(Health(findings, settled.left_out), radar, sums, ways, unseen or unmoved)
 
 
-def _unseen(run: xr.Dataset, radar: Radar, found: list[Finding]) -> str:
-    """Return why looks of a run tell nothing; "" where they may."""
-    pose = run["pose"].values
-    spoilt = [one.name for one in found if one.name in SPOILING]
+def _unseen(run: xr.Dataset, radar: Radar) -> str:
+    """Return why the array of a run does not look ahead, or cannot be focused; "" where it does."""
     if run.attrs.get("sounding") == "ground-coupled":
         return "antennas on the ground do not look ahead"
-    if spoilt:
-        return f"the run has {', '.join(spoilt)}"
     if looked_at(radar.frequency) is None:
         return "the tones are uneven, or fewer than nine"
-    height = mean_height(pose, radar.tx_position, radar.rx_position)
-    if not height > 0:
-        return f"the antennas stand {height:.3g} m above the ground"
-    if len(pose) > 1 and not np.median(np.hypot(*np.diff(pose[:, :2], axis=0).T)):
-        return "the vehicle stands"
-    return ""
+    height = mean_height(run["pose"].values, radar.tx_position, radar.rx_position)
+    return "" if height > 0 else f"the antennas stand {height:.3g} m above the ground"
+
+
+def _unmoved(run: xr.Dataset, found: list[Finding]) -> str:
+    """Return why consecutive looks tell nothing; "" where they may."""
+    spoilt = [one.name for one in found if one.name in SPOILING]
+    if spoilt:
+        return f"the run has {', '.join(spoilt)}"
+    steps = np.diff(run["pose"].values[:, :2], axis=0)
+    return "the vehicle stands" if len(steps) and not np.median(np.hypot(*steps.T)) else ""
 
 
 def radar_of(run: xr.Dataset) -> Radar:
@@ -148,7 +157,7 @@ def read_sums(run: xr.Dataset, drift: bool = False) -> tuple[HealthSums, FloatAr
 
 
 def taken_of_run(
-    run: xr.Dataset, sums: HealthSums, radar: Radar, left_out: LeftOut, first: bool = False
+    run: xr.Dataset, standing: NDArray[Any], radar: Radar, left_out: LeftOut, first: bool = False
 ) -> Taken | None:
     """Return stretches of consecutive scans as they are recorded; None where there are too few.
 
@@ -158,8 +167,8 @@ def taken_of_run(
     ----------
     run : xarray.Dataset
         A run.
-    sums : HealthSums
-        Its sums.
+    standing : (polarization, pair, frequency) ndarray of complex
+        What stands still, and is no echo of the ground.
     radar : Radar
         Places of its channels and tones.
     left_out : LeftOut
@@ -173,7 +182,6 @@ def taken_of_run(
     last = scans - margin - _LOOK_SCANS
     most = min(_FIRST_LOOKS if first else _LOOKS, 1 + (last - margin) // 2)  # halves may be shared
     starts = np.linspace(margin, last, max(most, 1)).astype(int)[:most]
-    standing = sums.standing / np.maximum(sums.sweeps, 1)[..., None]
     echoes = {}
     for number in np.unique(starts[:, None] + np.arange(_LOOK_SCANS)).tolist():
         signal = _kept(run["signal"].variable[number].values - standing, radar, left_out)

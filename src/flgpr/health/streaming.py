@@ -44,6 +44,8 @@ _FIRST_JUDGED = 24  # scans from which on sums are judged, and then at twice as 
 _EVERY = (4, 16)  # scans between two looks at the geometry, while there are few, and later
 _MANY = 32  # scans, after which it is later
 _LEAST_VALUES = 10  # of the agreement of looks, to be judged
+_FIRST_VALUES = 4  # from which on a way may be far off
+_FAR = 0.5  # of the agreement as stated, under which a way is
 _REMEMBERED = 160  # places, and values of the agreement, that are judged
 _FEW_TONES = 0.01  # share of the tones that are filled in from those beside
 _LOOKED_AT = 4  # consecutive scans of a look, with the poses of those before and after
@@ -51,8 +53,15 @@ _LEAST_LOOKED_AT = 3  # of these, which are of use
 
 
 _STATE = {
-    *("absent", "quiet", "doubts", "pose", "places", "steps", "changes"),
-    *("judged_from", "noisy"),
+    "absent",
+    "quiet",
+    "doubts",
+    "pose",
+    "places",
+    "steps",
+    "changes",
+    "judged_from",
+    "noisy",
 }
 """Attributes of the watch that a snapshot holds as they are."""
 
@@ -170,31 +179,22 @@ class LiveHealth:
         before = self._pose
         self._pose = pose
         self._places.append((float(pose[0]), float(pose[1])))
-        if before is None:
-            self._sure()
-            return []
-        if drives:
-            self._sure()
+        goes_by = False
+        if before is not None and drives:
             self._steps.append(float(np.hypot(*(pose[:2] - before[:2]))))
             if np.isfinite(figures.change_db):
                 self._changes.append(figures.change_db)
-            return []
-        goes_by = False
-        if len(self._changes) >= _KNOWN_CHANGES:
+        elif len(self._changes) >= _KNOWN_CHANGES:
             goes_by = bool(figures.change_db > np.median(self._changes) - MOVING_DB)
-        if not goes_by:  # the vehicle stands
-            self._sure()
+        if not goes_by:  # the position is good, and what is wrong with a later one is told again
+            self._doubts = 0
+            for name in ("no positions", "frozen positions"):
+                self._told.pop(name, None)
             return []
         self._doubts += 1
         if self._doubts < DOUBTFUL:
             return []
         return self._tell(finding("frozen positions", 1.0))
-
-    def _sure(self) -> None:
-        """Note that the position is good: what is wrong with a later one is told again."""
-        self._doubts = 0
-        for name in ("no positions", "frozen positions"):
-            self._told.pop(name, None)
 
     def _pairs_at_fault(
         self, figures: ScanFigures, absent: BoolArray
@@ -351,7 +351,7 @@ class LiveLooks:
         # scans that are of no use keep their place among the poses
         self._latest: list[tuple[ComplexArray | None, FloatArray]] = []
         # one of an earlier look: what it agrees by is no ground in common
-        self._unrelated: tuple[ComplexArray, FloatArray] | None = None
+        self._unrelated: list[tuple[ComplexArray | None, FloatArray]] = []
         self._looked = 0  # scans that had come at the last look
         self._values: dict[str, list[list[float]]] = {}  # agreement as stated and the other way
 
@@ -380,52 +380,49 @@ class LiveLooks:
         sums : HealthSums
             Sums of all scans, for what stands still.
         """
-        middle = [signal for signal, _ in self._latest[QUICK_LAG:-QUICK_LAG]]
-        members = [
-            (number, signal)
-            for number, signal in enumerate(middle, QUICK_LAG + 1)
-            if signal is not None
-        ]
+        middle = self._latest[QUICK_LAG:-QUICK_LAG]
+        members = [n for n, (signal, _) in enumerate(middle, QUICK_LAG + 1) if signal is not None]
         is_due = sums.scans - self._looked >= _EVERY[sums.scans > _MANY]
         if not is_due or len(middle) < _LOOKED_AT or len(members) < _LEAST_LOOKED_AT:
             return []
         self._looked = sums.scans
         before = self._unrelated
-        self._unrelated = members[-1][1], self._latest[members[-1][0] - 1][1]
-        if before is None or self._tones is None:
+        self._unrelated = [self._latest[members[-1] - 1]]
+        if not before or self._tones is None:
             return []
-        standing = sums.standing / np.maximum(sums.sweeps, 1)[..., None]
-        numbers, signals = zip((0, before[0]), *members, strict=True)
-        data = np.array(signals)
-        echoes = np.where(data == 0, 0, data - standing[self._like][..., self._tones])
+        compared = before + self._latest
+        numbers = [0, *members]
+        data = np.array([compared[number][0] for number in numbers])
         scans = taken(
-            echoes,
+            np.where(data == 0, 0, data - sums.mean[self._like][..., self._tones]),
             self._radar.frequency[self._tones],
             numbers,
             [[0], list(range(1, len(numbers)))],
             self._radar.tx_position,
             self._radar.rx_position,
-            np.array([before[1], *(pose for _, pose in self._latest)]),
+            np.array([pose for _, pose in compared]),
         )
         if not 0 < scans.height < AIRBORNE:
             return []
         stated = scans.agreement(points_every=POINTS_FEW)
         for one, other in tried(scans, quick=True):
-            pairs = np.column_stack([stated, other.agreement(points_every=POINTS_FEW)])
             known = self._values.setdefault(one.name, [])
+            if len(known) >= _FIRST_VALUES and np.mean(known, axis=0)[1] < _FAR * stated.mean():
+                continue  # as long as what is stated agrees
+            pairs = np.column_stack([stated, other.agreement(points_every=POINTS_FEW)])
             known += pairs.tolist()
             del known[:-_REMEMBERED]
-        ways = []
-        for one in HYPOTHESES:
-            values = self._values.get(one.name, [])
-            if len(values) >= _LEAST_VALUES:
-                ways.append(Way.compared(one, *np.transpose(values)))
+        ways = [
+            Way.compared(one, *np.transpose(known))
+            for one in HYPOTHESES
+            if len(known := self._values.get(one.name, [])) >= _LEAST_VALUES
+        ]
         best = best_way(ways)
         return [] if best is None else [best.finding]
 
     def state(self) -> tuple[dict[str, Any], Arrays]:
         """Return the state as JSON values and arrays, for a later :meth:`restore`."""
-        kept = [*self._latest, *([self._unrelated] if self._unrelated else [])]
+        kept = self._latest + self._unrelated
         arrays = {f"look{k}": signal for k, (signal, _) in enumerate(kept) if signal is not None}
         values = {
             "poses": [pose.tolist() for _, pose in kept],
@@ -442,8 +439,7 @@ class LiveLooks:
         poses = [np.array(pose) for pose in values["poses"]]
         kept = [(arrays.get(f"look{k}"), pose) for k, pose in enumerate(poses)]
         self._latest = kept[: values["latest"]]
-        for signal, pose in kept[values["latest"] :]:
-            self._unrelated = None if signal is None else (signal, pose)
+        self._unrelated = kept[values["latest"] :]
         self._looked = values["looked"]
         self._values = {name: list(known) for name, known in values["values"].items()}
 

@@ -12,9 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.types import FloatArray
+from flgpr.types import BoolArray, FloatArray
 
-BoolArray = NDArray[np.bool_]
 ComplexArray = NDArray[np.complexfloating]
 
 LEAST_POWER = 1e-30
@@ -94,8 +93,7 @@ class HealthSums:
         self.delays = deque[float](maxlen=REMEMBERED)
         self.clearness = deque[float](maxlen=REMEMBERED)
         self.changed = deque[float](maxlen=REMEMBERED)
-        self._before: ComplexArray | None = None
-        self._before_finite: BoolArray | None = None
+        self._before: tuple[ComplexArray, BoolArray] | None = None  # a scan, and what is finite
 
     def add(self, signal: ComplexArray) -> ScanFigures:
         """Take in a scan (polarization, pair, frequency), and return what it shows by itself."""
@@ -159,12 +157,11 @@ class HealthSums:
 
         Return whether there is none, and its power over that of the scan, dB.
         """
-        before = self._before
-        before_finite = self._before_finite
-        self._before = signal
-        self._before_finite = finite
-        if before is None or before_finite is None:
+        latest = self._before
+        self._before = signal, finite
+        if latest is None:
             return False, np.nan
+        before, before_finite = latest
         change = signal - before
         both = finite & before_finite
         self.steps += both
@@ -192,13 +189,13 @@ class HealthSums:
     def gap(self) -> None:
         """Let the next scan not be compared with the one before: scans in between are left out."""
         self._before = None
-        self._before_finite = None
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Return the state as arrays, copies, for a later :meth:`restore`."""
         arrays = {name: np.asarray(getattr(self, name)).copy() for name in _SUMMED}
-        if self._before is not None and self._before_finite is not None:
-            arrays |= {"before": self._before.copy(), "before_finite": self._before_finite.copy()}
+        if self._before is not None:
+            before, finite = self._before
+            arrays |= {"before": before.copy(), "before_finite": finite.copy()}
         return arrays
 
     def restore(self, arrays: dict[str, NDArray[Any]]) -> None:
@@ -211,8 +208,14 @@ class HealthSums:
             elif kind is deque:
                 value = deque(value.tolist(), maxlen=REMEMBERED)
             setattr(self, name, value)
-        self._before = arrays.get("before")
-        self._before_finite = arrays.get("before_finite")
+        self._before = None
+        if "before" in arrays:
+            self._before = arrays["before"], arrays["before_finite"]
+
+    @property
+    def mean(self) -> ComplexArray:
+        """Mean of the finite sweeps (polarization, pair, frequency): what stands still."""
+        return np.asarray(self.standing / np.maximum(self.sweeps, 1)[..., None])
 
     @property
     def median_change_db(self) -> float:
