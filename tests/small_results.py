@@ -12,7 +12,7 @@ from flgpr.results.result import write_result
 LANE = Lane(-1.0, 1.0, 2.0, 4.0)
 
 
-def small_result(folder, classifier=None):
+def small_result(folder, classifier=None, **described):
     alarms = pd.DataFrame(
         {
             "alarm_id": ["a", "b", "c"],
@@ -38,5 +38,5 @@ def small_result(folder, classifier=None):
     detection = Detection(
         "main", "as it stands", alarms, view, {"confidence": "C_HH_F1"}, features=features
     )
-    run = {"title": "small", "scans": 0, "masked_scans": []}
+    run = {"title": "small", "scans": 0, "masked_scans": [], **described}
     return write_result(folder, [detection], recipe_text("wang2007"), LANE, run, classifier)

@@ -16,7 +16,7 @@ from flgpr_ground.citing import DATA_LICENCE, cite_ground, cite_submission
 from flgpr_ground.entries import ORACLES, packaged_entries
 from flgpr_ground.figures import leaderboard_figure
 from flgpr_ground.ground import by_pd, opening_split, scores_at
-from flgpr_ground.table import paired_in_words, write_page
+from flgpr_ground.table import beside_reference, paired_in_words, write_page
 
 _KINDS = ("metal", "plastic", "ap")  # with a column of their own
 _MARK = b'<meta name="generator" content="flgpr leaderboard">'
@@ -112,6 +112,7 @@ def leaderboard_html(board: Board) -> str:
         others=[(name, title) for name, title in titles if name in shown],
         not_ranked=[(name, reason) for name, reason in board.not_ranked.items() if name in shown],
         paired_in_words=paired_in_words,
+        beside_reference=beside_reference,
         citation=cite_ground(ground),
         licence=DATA_LICENCE,
     )

@@ -54,6 +54,8 @@ from flgpr_ground.running import (
 from flgpr_trials.blind import match_blind
 from flgpr_trials.ledger import alarm_hash
 
+TOLD_APART = 0.05
+"""Two entries are told apart by a p of the paired test below this."""
 _KEY_DIGITS = 12  # of the digest in the name of a stored score
 
 
@@ -347,22 +349,62 @@ def pd_in_words(score: Mapping[Any, Any]) -> str:
 
 def paired_in_words(score: Mapping[Any, Any], before: str = "") -> str:
     """Return the paired comparison with the reference as text; "" for the reference itself."""
-    p = score.get("p")
-    if p is None or not np.isfinite(p):
+    if pd.isna(score.get("p")):
         return ""
-    return f"{before}+{score['only']:.0f} -{score['reference_only']:.0f}, p = {p:.2g}"
+    return f"{before}+{score['only']:.0f} -{score['reference_only']:.0f}, p = {score['p']:.2g}"
 
 
 def paired_sentence(score: Mapping[Any, Any], entry: str, reference: str) -> str:
     """Return what an entry misses and finds beside another, as a sentence; "" without a pair."""
-    p = score.get("p")
-    if p is None or not np.isfinite(p):
+    if pd.isna(score.get("p")):
         return ""
     missed, found = score["reference_only"], score["only"]
     return (
         f"{entry} misses {missed:.0f} {'mine' if missed == 1 else 'mines'} that {reference} finds, "
-        f"and finds {found:.0f} that {reference} misses (McNemar p = {p:.2g})."
+        f"and finds {found:.0f} that {reference} misses (McNemar p = {score['p']:.2g})."
     )
+
+
+def best_sentence(tier: Ground, scores: pd.DataFrame) -> str:
+    """Return which entry finds most mines, and whether the reference is told apart from it.
+
+    Parameters
+    ----------
+    tier : Ground
+        A tier, or a ground without tiers.
+    scores : DataFrame
+        What :func:`score_entries` returns.
+
+    Returns
+    -------
+    str
+        A sentence, of the opening split at the FAR of comparison; "" where no detector was scored.
+        Told apart is what has a p below 0.05 in the paired test, which knows nothing of the choice
+        of the best.
+    """
+    entered = scores_at(scores, tier, opening_split(tier))
+    ranked = by_pd(entered[~entered["entry"].isin(list(ORACLES))])
+    if ranked.empty:
+        return ""
+    best = ranked.iloc[0].to_dict()
+    tied = (ranked["pd"] == best["pd"]).sum() - 1
+    others = f", as {'does one other' if tied == 1 else f'do {tied} others'}" if tied else ""
+    return (
+        f"{best['entry']} finds most{others}: {best['n_detected']:.0f} of {best['n_targets']:.0f} "
+        f"mines at {tier.table.far:g} false alarms per m², Pd {best['pd']:.2f} "
+        f"({best['pd_low']:.2f} to {best['pd_high']:.2f})"
+        f"{beside_reference(best, tier.table.reference)}."
+    )
+
+
+def beside_reference(score: Mapping[Any, Any], reference: str) -> str:
+    """Return whether an entry is told apart from the reference, to end a sentence."""
+    if score["entry"] == reference:
+        return "; it is the reference"
+    if pd.isna(score.get("p")):
+        return f"; not compared with {reference}"
+    told = "told apart" if score["p"] < TOLD_APART else "not told apart"
+    return f"; {told} from the reference {reference} (McNemar p = {score['p']:.2g})"
 
 
 def write_score_tables(folders: Sequence[str | Path], output: str | Path) -> str:
@@ -396,11 +438,12 @@ def write_score_tables(folders: Sequence[str | Path], output: str | Path) -> str
     titles, faults, own = _described(ground, benchmarks)
     titles |= {name: title for name, (_, title) in ORACLES.items() if name in set(scores["entry"])}
     opening = scores_at(scores, ground, opening_split(ground))
-    answers = []
+    told = []
     for score in opening[opening["entry"].isin(own)].to_dict("records"):
         words = paired_sentence(score, score["entry"], ground.table.reference)
-        if words:
-            answers.append(f"{score['tier']}: {words}" if ground.table.tiers else words)
+        told.append((score.get("tier"), words))
+    told += [(tier.tier, best_sentence(tier, scores)) for tier in ground.chosen_tiers()]
+    answers = [f"{tier}: {words}" if ground.table.tiers else words for tier, words in told if words]
     write_page(target / "index.html", _page(ground, scores, costs, titles, answers))
     return "\n".join([*answers, table_text(ground, scores, costs), *faults])
 

@@ -65,6 +65,8 @@ def test_the_height_of_a_receivers_antenna_is_asked_for_and_taken(archive):
     mapping = archive.with_name("a.toml")
     opened = open_files([archive, log(archive.with_name("way.nmea"))], mapping)
     assert "above the ground" in opened.questions[-1]
+    held = "own.npz, a NumPy archive, holds a signal, way.nmea the track; "
+    assert opened.answer.startswith(held)
     assert "[pose]" not in mapping.read_text()
     answered = mapping.read_text().replace("?", "")
     mapping.write_text(answered)
@@ -75,6 +77,19 @@ def test_the_height_of_a_receivers_antenna_is_asked_for_and_taken(archive):
     refused = call(*words[:-1], "-1")
     assert refused.exit_code == 2
     assert "above-ground must be the positive height" in refused.output
+
+
+def test_a_table_of_fixes_counts_as_the_track_and_not_among_the_files_of_the_signal(archive):
+    mapping = archive.with_name("a.toml")
+    scans = []
+    for number in (1, 2):
+        scans.append(archive.with_name(f"scan_{number}.npz"))
+        scans[-1].write_bytes(archive.read_bytes())
+    rows = [f"{36000 + 0.1 * k},{11 + 1e-6 * k},{48 + 1e-6 * k}" for k in range(SCANS)]
+    way = archive.with_name("gps.txt")
+    way.write_text("\n".join(["time,longitude,latitude", *rows]) + "\n")
+    opened = open_files([*scans, way], mapping)
+    assert opened.answer.startswith("2 files hold a signal, gps.txt the track; ")
 
 
 def test_a_recording_is_drawn_and_a_run_is_to_be_checked(tmp_path):

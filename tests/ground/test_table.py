@@ -7,7 +7,15 @@ from flgpr.proving_ground import load_ground
 from flgpr.scoring import match, random_pd
 from flgpr_ground.citing import bibtex, latex_table
 from flgpr_ground.fingerprints import _compared
-from flgpr_ground.table import _rows, costs_in_words, paired_in_words, paired_sentence, pd_in_words
+from flgpr_ground.ground import opening_split
+from flgpr_ground.table import (
+    _rows,
+    best_sentence,
+    costs_in_words,
+    paired_in_words,
+    paired_sentence,
+    pd_in_words,
+)
 
 SCORE = {
     "pd": 0.5, "pd_low": 0.25, "pd_high": 0.75, "n_detected": 6, "n_targets": 12, "n_false": 3,
@@ -33,6 +41,32 @@ def test_the_answer_names_what_each_alone_finds():
     assert paired_sentence(paired, "mine", "wang2007") == (
         "mine misses 1 mine that wang2007 finds, and finds 12 that wang2007 misses (McNemar p = 0.36)."
     )
+
+
+def test_the_page_begins_with_the_best_entry_and_whether_it_is_told_apart_from_the_reference():
+    ground = load_ground(quick=True)
+    (tier, *_) = ground.chosen_tiers()
+    common = SCORE | {
+        "tier": tier.tier, "split": opening_split(ground), "group": "mines",
+        "far_allowed": ground.table.far,
+    }  # fmt: skip
+    reference = common | {"entry": ground.table.reference}
+    mine = common | {"entry": "mine", "pd": 0.75, "n_detected": 9, "only": 3, "reference_only": 0}
+    oracle = common | {"entry": "oracle", "pd": 1.0}
+
+    def sentence(*rows):
+        return best_sentence(tier, pd.DataFrame(rows))
+
+    best = sentence(reference, mine | {"p": 0.25}, oracle)
+    assert best == (
+        f"mine finds most: 9 of 12 mines at {ground.table.far:g} false alarms per m², Pd 0.75 "
+        f"(0.25 to 0.75); not told apart from the reference {ground.table.reference} "
+        "(McNemar p = 0.25)."
+    )
+    assert "; told apart from the reference" in sentence(reference, mine | {"p": 0.01})
+    assert sentence(reference).endswith("; it is the reference.")
+    assert " finds most, as does one other: 6 of 12" in sentence(reference, mine | SCORE)
+    assert sentence(oracle) == ""
 
 
 def test_a_cost_that_is_not_known_is_a_dash():

@@ -51,12 +51,13 @@ def alarm_table(rng, truth, count, length):
     return table
 
 
-def make_long_lane(folder, rows=12_000, seed=3, alarms=900, title="long lane"):
+def make_long_lane(folder, rows=12_000, seed=3, alarms=900, title="long lane", truth=None):
     rng = np.random.default_rng(seed)
     length = 0.1 * rows
     x = np.round(-2.95 + 0.1 * np.arange(60), 9)
     y = np.round(0.05 + 0.1 * np.arange(rows), 9)
-    truth = truth_table(np.random.default_rng(1), max(rows // 150, 2), length)
+    if truth is None:
+        truth = truth_table(np.random.default_rng(1), max(rows // 150, 2), length)
     table = alarm_table(rng, truth, alarms, length)
     peaks = truth[["x", "y"]].to_numpy()
     shape = (len(POLARIZATIONS), len(SUBBANDS), rows, 60)

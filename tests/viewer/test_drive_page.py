@@ -31,7 +31,7 @@ HIDDEN = """() => [...document.querySelectorAll('#drive p, #drive h2, #drive but
 BEGIN = START | {"vehicle": VEHICLE.model_dump() | {"stopping_distance": VEHICLE.stopping_distance}}
 SEEN = """() => Object.fromEntries(['state-words', 'state-detail', 'drive-word', 'drive-how', 'drive-where',
     'drive-aside', 'drive-chances', 'drive-prior', 'drive-answered']
-    .map((id) => [id, document.getElementById(id).textContent])
+    .map((id) => [id, document.getElementById(id).textContent.replaceAll('\\u00a0', ' ')])
     .concat([['word', document.getElementById('drive').dataset.word]]))"""
 AUDIO = """() => {
     window.tones = [];

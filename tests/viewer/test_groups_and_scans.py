@@ -3,6 +3,7 @@
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 from test_live_page import START, Feeder, alarm, scan
 
@@ -27,6 +28,20 @@ def numbers(one):
     _, data = one.saved("#export-svg")
     picture = data.decode().split('<g clip-path="url(#lane)">')[1].split("</g>")[0]
     return [int(number) for number in re.findall(r">(\d+)</text>", picture)]
+
+
+def test_labels_of_close_targets_cover_neither_each_other_nor_a_target(watch, serving, tmp_path):
+    places = np.array([[0.0, 5.0], [0.1, 5.6], [-0.3, 5.3], [0.2, 5.3], [0.0, 8.0], [0.0, 9.5]])
+    truth = pd.DataFrame({"x": places[:, 0], "y": places[:, 1], "kind": "plastic", "depth": 0.05})
+    truth.insert(0, "target_id", [f"t{number}" for number in range(len(truth))])
+    lane = make_long_lane(tmp_path / "lane", 150, alarms=20, truth=truth)
+    with serving([lane]) as viewer:
+        _, data = watch(viewer, size=(1440, 900)).saved("#export-svg")
+    label = r'<text x="([\d.]+)" y="([\d.]+)"[^>]*>plastic 5\.0 cm<'
+    labels = np.array(re.findall(label, data.decode()), float)
+    assert 3 <= len(labels) < len(truth)
+    offset = np.abs(labels[:, None] - labels)[~np.eye(len(labels), dtype=bool)]
+    assert ((offset[:, 0] >= 68) | (offset[:, 1] >= 11)).all()
 
 
 def test_five_thousand_alarms_are_grouped_by_density_until_zoomed(watch, serving, crowded):

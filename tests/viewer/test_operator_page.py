@@ -14,6 +14,7 @@ from watching import viridis
 from flgpr.detect import FisherDiscriminant, HistogramNormalizer
 from flgpr.method.classifier import Classifier
 from flgpr.method.detection import Detection
+from flgpr.method.stands_out import StandingOut
 from flgpr.model import Lane
 from flgpr.recipe.schema import parse_recipe, recipe_text
 from flgpr.results.result import write_result
@@ -152,6 +153,16 @@ def test_a_result_of_a_trained_detector_opens_where_it_decides(watch, serving, t
             one = watch(viewer)
             assert one.text("#threshold-left") == f"{left} of 3 alarms left"
             assert "decides for a mine" in one.text("#point")
+
+
+def test_without_truth_the_page_begins_with_what_stands_out(watch, serving, tmp_path):
+    stands_out = StandingOut(1, 2, 9.0, "tail", 0.01).as_json()
+    small_result(tmp_path / "told", stands_out=stands_out)
+    with serving([tmp_path / "told"]) as viewer:
+        one = watch(viewer, size=(390, 844))
+        assert one.text("#answer") == "1 place stands out, 2 are weak."
+        assert one.text("#point").startswith("At most one place of this lane's clutter")
+        assert one.page.locator("#answer").bounding_box()["y"] < 200
 
 
 def test_ground_that_no_scan_has_seen_is_hatched_and_says_why(watch, serving, tmp_path):

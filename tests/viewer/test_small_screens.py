@@ -23,6 +23,17 @@ CUT = """() => [...document.querySelectorAll('#drive *, #state *')]
     }).filter((name) => name)"""
 """Names of what is written beyond the edges of its button, its panel or the window."""
 
+PARTED = """() => ['drive-how', 'drive-where', 'drive-aside'].filter((id) => {
+    const text = document.getElementById(id).firstChild;
+    return [...(text?.data ?? '').matchAll(/\\d\\s\\S+/g)].some(({ index, 0: words }) => {
+        const range = document.createRange();
+        range.setStart(text, index);
+        range.setEnd(text, index + words.length);
+        return range.getClientRects().length > 1;
+    });
+})"""
+"""Names of where a line ends between a number and its unit."""
+
 OVERLAPS = """() => {
     const boxes = (list) => [...list].filter((e) => e.checkVisibility()).map((e) => [e, e.getBoundingClientRect()])
         .filter(([, box]) => box.width > 1 && box.height > 1);
@@ -98,6 +109,7 @@ def test_the_drivers_screen_is_read_in_full_upright_and_on_a_phone(drive_at, siz
     assert screen.page.locator("#state-clock").is_visible()
     assert screen.page.evaluate(CUT) == []
     assert screen.page.evaluate(HIDDEN) == []
+    assert screen.page.evaluate(PARTED) == []
     picture = screen.page.locator("#lane").bounding_box()
     assert min(picture["width"], picture["height"]) >= 150
     small = size in ((390, 844), (844, 390))
@@ -153,13 +165,26 @@ def test_only_alarms_in_the_way_of_the_vehicle_are_filled(drive_at):
     assert screen.says()["word"] == "slow"
 
 
+def in_first_screen(page):
+    """Return whether the sentence that answers is read without scrolling, in full."""
+    box = page.locator("#answer").bounding_box()
+    size = page.viewport_size
+    return (
+        box["x"] >= 0
+        and box["x"] + box["width"] <= size["width"]
+        and (box["y"] + box["height"] <= size["height"] / 2)
+    )
+
+
 @pytest.mark.parametrize(
-    "size", [(1280, 800), (1024, 768), (800, 1280), (640, 400), (512, 384), (390, 844)]
+    "size", [(1280, 800), (1024, 768), (820, 1180), (800, 1280), (640, 400), (512, 384), (390, 844)]
 )
 def test_the_viewer_fits_any_window(watch, shown, size):
     """Twice the size on 1280 x 800 is a window of 640 x 400."""
     one = watch(shown, size=size)
     page = one.page
+    assert one.text("#answer").startswith("2 of 3 targets found (Pd 0.67, ")
+    assert in_first_screen(page)
     page.keyboard.press("n")
     page.wait_for_selector("#patches canvas")
     page.keyboard.press("s")  # with picture B the toolbar is at its longest

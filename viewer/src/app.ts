@@ -17,7 +17,7 @@ import { drawOverview } from "./overview";
 import type { Page } from "./page";
 import type { RawPanel } from "./raw";
 import { drawRoad, type Scene } from "./road";
-import { curveOf, equalFalse, pointWords, RocPlot, showCounts, showScores, thresholdsOf, type Operating } from "./roc";
+import { answerWords, curveOf, equalFalse, pointWords, RocPlot, showCounts, showScores, thresholdsOf, type Operating } from "./roc";
 import { Scrub } from "./scrub";
 import type { Choice, Compare, Detection, Note, Source } from "./types";
 import { View } from "./view";
@@ -117,6 +117,11 @@ export class App implements Page {
     return detectionOf(this.source, this.a.set);
   }
 
+  /** What stands out: of the first detection alone. */
+  private get standing(): Source["index"]["stands_out"] {
+    return this.detection?.name === "main" ? this.source.index.stands_out : undefined;
+  }
+
   // ---------------------------------------------------------------- choices
 
   choose(side: "a" | "b", change: Partial<Choice>): void {
@@ -207,8 +212,8 @@ export class App implements Page {
   // ---------------------------------------------------------------- thresholds, subsets, counts
 
   detectionChanged(): void {
-    const { unlike = [], stands_out } = this.source.index;
-    const told = this.detection?.name === "main" ? stands_out : undefined;
+    const { unlike = [] } = this.source.index;
+    const told = this.standing;
     el("unlike").hidden = !unlike.length;
     el("unlike").textContent = sentences(unlike);
     this.thresholds = this.detection ? thresholdsOf(this.source, this.detection.name) : [null];
@@ -216,7 +221,7 @@ export class App implements Page {
     const border = curve ? null : (told?.border ?? this.detection?.border ?? null);
     const learnt = border === null ? -1 : this.thresholds.filter((one) => one === null || one >= border).length - 1;
     this.row = curve?.point?.row ?? (learnt < 0 ? this.thresholds.length - 1 : learnt);
-    el("point").textContent = curve ? pointWords(curve) : told ? sentences(told.notes) : border === null ? "" : `Opened where the detector decides for a mine by what it has learnt: confidence ${digits(border)}.`;
+    el("point").textContent = curve ? pointWords(curve) : told ? sentences(told.notes.slice(1)) : border === null ? "" : `Opened where the detector decides for a mine by what it has learnt: confidence ${digits(border)}.`;
     this.selected = null;
     this.ticked.clear();
     el<HTMLInputElement>("threshold").max = String(Math.max(this.thresholds.length - 1, 0));
@@ -293,6 +298,7 @@ export class App implements Page {
       "aria-valuetext",
       a ? `confidence ${words}: ${a.curve.n_detected[this.row]} of ${a.curve.n_targets} found, ${a.curve.n_false[this.row]} false alarms` : `confidence ${words}: ${shown.length} alarms`,
     );
+    el("answer").textContent = a ? answerWords(a, b) : sentences(this.standing?.notes.slice(0, 1) ?? []);
     const second = secondOf(this.sources, this.a, this.b);
     const name = (source: Source, detection: Detection | undefined): string => (this.sources.length > 1 && source.title.split(" ")[0]) || (detection?.name ?? "");
     showCounts(el<HTMLTableElement>("counts"), a, b, shown.length, [name(this.source, this.detection), second ? name(second.source, second.detection) : ""]);

@@ -60,6 +60,9 @@ export const digits = (value: number | null | undefined, count = 3): string =>
 
 export const fixed = (value: number, count: number): string => value.toFixed(count).replace(/^-/, "\u2212");
 
+/** No line ends between a number and its unit. */
+export const unbroken = (words: string): string => words.replace(/(?<=\d) /g, "\u00a0");
+
 export function checkRadio(name: string, value: string): void {
   for (const input of document.querySelectorAll<HTMLInputElement>(`input[name="${name}"]`)) input.checked = input.value === value;
 }

@@ -1,7 +1,7 @@
 import { Answers } from "./answers";
 import type { App } from "./app";
 import type { Colours } from "./colour";
-import { el, fixed } from "./dom";
+import { el, fixed, unbroken } from "./dom";
 import { health, type Health } from "./health";
 import { counts, instruct, type Instruction, type Word } from "./instruct";
 import { LABELLED, chances, type Live } from "./live";
@@ -172,7 +172,7 @@ export class Drive {
     const scan = live.track[live.track.length - 1]?.scan;
     const rhythm = live.rhythm.length ? live.rhythm.reduce((a, b) => a + b, 0) / live.rhythm.length : 0;
     const parts = [scan === undefined ? "" : `scan ${scan}`, rhythm ? `${fixed(1000 / rhythm, 1)} per s` : "", speed === null ? "" : `${fixed(3.6 * speed, 0)} km/h`];
-    el("state-detail").textContent = state.detail || parts.filter(Boolean).join(" · ");
+    el("state-detail").textContent = state.detail || unbroken(parts.filter(Boolean).join(" · "));
     el("state-clock").textContent = new Date().toTimeString().slice(0, 8);
     el("beat").classList.toggle("on", now - live.came.frame < LOOK * 1.5);
   }
@@ -183,15 +183,15 @@ export class Drive {
     el("drive").dataset["word"] = word;
     const told = el("drive-word");
     if (told.textContent !== WORDS[word]) told.textContent = WORDS[word];
-    el("drive-how").textContent = this.how(instruction, state);
+    el("drive-how").textContent = unbroken(this.how(instruction, state));
     const aside = alarm?.aside ?? 0;
     const place = alarm && (alarm.left > 0 ? `${fixed(alarm.left, 1)} m ahead` : "under the vehicle");
     const none = live.sight > 0 ? `no alarm in ${fixed(live.sight, 0)} m` : "no ground seen yet";
     const isBlind = state.level !== "ok" && state.level !== "slow";
-    el("drive-where").textContent = isBlind ? "alarms are not known" : (place ?? none);
+    el("drive-where").textContent = isBlind ? "alarms are not known" : unbroken(place ?? none);
     const side = alarm ? `${fixed(Math.abs(aside), 1)} m ${aside < 0 ? "left" : "right"}, ` : "";
     const speed = live.speed === null ? "speed not known" : `at ${fixed(3.6 * live.speed, 0)} km/h${live.measured === null ? " as stated" : ""}`;
-    el("drive-aside").textContent = isBlind ? "" : side + speed;
+    el("drive-aside").textContent = isBlind ? "" : unbroken(side + speed);
     const known = alarm && live.alarms.get(alarm.id);
     const unlike = live.unlike.length > 0;
     const chance = known ? chances(known) : "";

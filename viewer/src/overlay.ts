@@ -140,7 +140,6 @@ function drawTruth(pen: Pen, view: View, overlay: Overlay, size: number): void {
   if (!score) return;
   const { truth, objects, halo } = score;
   const deepest = Math.max(...truth.depth.map((depth) => depth ?? 0), 1e-6);
-  const labelled = view.scale * halo > 26;
   objects?.x.forEach((x, i) => {
     const [px, py] = view.toScreen(x, objects.y[i]!);
     if (inBox(view, px, py)) drawObject(pen, px, py);
@@ -153,8 +152,25 @@ function drawTruth(pen: Pen, view: View, overlay: Overlay, size: number): void {
     if (Math.min(rx, ry) > 11) pen.ellipse(px, py, rx, ry, { ...HALO, alpha: faded ? 0.25 : 0.75 });
     const depth = truth.depth[i] ?? 0;
     drawTarget(pen, px, py, truth.kind[i]!, depth / deepest, isMissed(overlay, i), faded, size);
-    if (labelled && !faded) pen.text(px, py + 21, `${truth.kind[i]} ${fixed(100 * depth, 1)} cm`, { fill: "#ffffff", halo: SHADOW, size: 11, anchor: "middle" });
   });
+  if (view.scale * halo > 26) labelTargets(pen, view, overlay, score);
+}
+
+const [LETTER, SYMBOL] = [6.2, 7]; // px: breadth of a letter of a label, and half that of a target's symbol
+
+/** Write kind and depth below a target, or above it, or nowhere: no label covers another one, or another target. */
+function labelTargets(pen: Pen, view: View, overlay: Overlay, { truth }: NonNullable<Source["score"]>): void {
+  const places = truth.x.map((x, i): [number, Point] => [i, view.toScreen(x, truth.y[i]!)]).filter(([, [px, py]]) => inBox(view, px, py, 60));
+  const taken = places.map(([, [px, py]]) => [px - SYMBOL, py - SYMBOL, px + SYMBOL, py + SYMBOL] as const);
+  for (const [i, [px, py]] of places) {
+    if (!overlay.inSubset(i)) continue;
+    const words = `${truth.kind[i]} ${fixed(100 * (truth.depth[i] ?? 0), 1)} cm`;
+    const half = (LETTER * words.length) / 2;
+    const baseline = [py + 21, py - 13].find((y) => taken.every(([left, top, right, bottom]) => px + half < left || px - half > right || y + 4 < top || y - 10 > bottom));
+    if (baseline === undefined) continue;
+    taken.push([px - half, baseline - 10, px + half, baseline + 4]);
+    pen.text(px, baseline, words, { fill: "#ffffff", halo: SHADOW, size: 11, anchor: "middle" });
+  }
 }
 
 const STOP = "#ff7a59";

@@ -26,6 +26,16 @@ export function pointWords(curve: Curve | undefined): string {
   return `Opened at one false alarm, ${digits(allowed, 2)} per m²: ${fixed(curve.area, 1)} m² are too small for ${digits(asked)}.${rough}`;
 }
 
+/** What is found at which cost, as the sentence that the page begins with. */
+export function answerWords(a: Operating, b?: Operating): string {
+  const found = ({ curve, row }: Operating): string => {
+    const [pd, count] = [digits(curve.pd[row], 2), curve.n_false[row]!];
+    const targets = [curve.kind, "targets", curve.depth && `at ${curve.depth}`].filter(Boolean).join(" ");
+    return `${curve.n_detected[row]} of ${curve.n_targets} ${targets} found (Pd ${pd}, ${interval(curve.pd_low[row], curve.pd_high[row])}) with ${count} false alarm${count === 1 ? "" : "s"} on ${digits(curve.area)} m².`;
+  };
+  return b ? `A: ${found(a)} B: ${found(b)}` : found(a);
+}
+
 /** The lowest threshold of another curve that has no more false alarms. */
 export function equalFalse(curve: Curve, most: number): number {
   let row = 0;

@@ -7,10 +7,13 @@ import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from flgpr.commands.options import OneOrMorePaths, PathLike, one_or_more, output_option
 from flgpr.commands.shell import Arguments, command
+
+if TYPE_CHECKING:
+    from flgpr.formats.draft_roles import Roles
 
 
 @dataclass(frozen=True)
@@ -89,7 +92,7 @@ def open_files(
     logs = [path for path in files if _is_log(path)]
     if logs and len(files) > len(logs):
         arrays = [path for path in files if path not in logs]
-        return _opened_arrays(arrays, mapping, logs[0])
+        return _opened_arrays(arrays, mapping, logs)
     if len(files) == 1 and is_recording(first):
         return _opened_recording(first, mapping.with_suffix(".png"))
     return _opened_arrays(files, mapping)
@@ -118,43 +121,61 @@ def _opened_recording(path: Path, picture: Path) -> Opened:
     return Opened(answer, (), tuple(described.lines), following, picture=picture)
 
 
-def _opened_arrays(files: Sequence[Path], mapping: Path, log: Path | None = None) -> Opened:
+def _opened_arrays(files: Sequence[Path], mapping: Path, logs: Sequence[Path] = ()) -> Opened:
     """Describe files of arrays, write the draft of their mapping, and draw their signal.
 
     With the log of a satellite receiver the draft has no poses, and the height of the receiver's
     antenna above the ground is asked for: that of the log is over the sea.
     """
+    from flgpr.formats.array_file import LIMIT
+    from flgpr.formats.draft_arrays import group_files
+    from flgpr.formats.draft_roles import Roles
     from flgpr.formats.explain import explain_file, explain_files
     from flgpr.store.outputs import write_new
 
     several = len(files) > 1
     described = explain_files(files, mapping=mapping) if several else explain_file(files[0])
-    name = f"{len(files)} files" if several else f"{files[0].name}, a {described.kind},"
-    verb = "hold" if several else "holds"
     if not described.mapping:
         needs = "no signal" if described.needs_mapping else "what is read without a mapping"
-        answer = f"{name} {verb} {needs}."
+        answer = f"{files[0].name}, a {described.kind}, holds {needs}."
         return Opened(answer, (), tuple(described.lines), _command("info", *files))
+    roles = Roles(group_files(list(files), LIMIT))
     text = described.mapping
     if not several:  # its file is named relative to the mapping
         text = explain_files(files, mapping=mapping).mapping
     following = _command("import", "mapped", mapping, "-o", mapping.with_suffix(".zarr"))
     questions = []
-    if log is not None:
+    if logs:
         text = re.sub(r"\n\[pose\].*?(?=\n\[|\Z)", "", text, flags=re.DOTALL)
-        following += f" --track {shlex.quote(str(log))} --anchor-from-track --above-ground HEIGHT"
-        questions = [f"how high is the antenna of {log.name} above the ground, m? --above-ground"]
+        following += f" --track {shlex.quote(str(logs[0]))}"
+        following += " --anchor-from-track --above-ground HEIGHT"
+        questions = [
+            f"how high is the antenna of {logs[0].name} above the ground, m? --above-ground"
+        ]
     elif "geodetic" in text:
         following += " --anchor-from-track"
     questions = [*_questions(text), *questions]
     write_new(mapping, text)
-    picture = _draw(files, mapping.with_suffix(".png"))
+    picture = _draw(roles, mapping.with_suffix(".png"))
     count = len(questions)
     asked = (
         f"{count} question{'s are' if count > 1 else ' is'} open: answer in {mapping}, then import"
     )
-    answer = f"{name} {verb} a signal; {asked if questions else 'nothing is open: import it'}."
+    held = _holdings(roles, roles.data.opened.kind if several else described.kind, logs)
+    answer = f"{held}; {asked if questions else 'nothing is open: import it'}."
     return Opened(answer, tuple(questions), tuple(described.lines), following, mapping, picture)
+
+
+def _holdings(roles: Roles, kind: str, logs: Sequence[Path]) -> str:
+    """Return in words how many files hold the signal, and which are the track."""
+    signal = roles.data.paths
+    tracks = [*logs]
+    if roles.places is not None and roles.places.group is not roles.data:
+        tracks += roles.places.group.paths
+    held = f"{len(signal)} files hold a signal"
+    if len(signal) == 1:
+        held = f"{signal[0].name}, a {kind}, holds a signal"
+    return f"{held}, {' and '.join(path.name for path in tracks)} the track" if tracks else held
 
 
 def _is_log(path: Path) -> bool:
@@ -176,16 +197,12 @@ def _questions(mapping: str) -> Iterator[str]:
             yield table + line
 
 
-def _draw(files: Sequence[Path], picture: Path) -> Path | None:
+def _draw(roles: Roles, picture: Path) -> Path | None:
     """Draw the array that seems to be the signal; where it is too large, nothing."""
-    from flgpr.formats.array_file import LIMIT
-    from flgpr.formats.draft_arrays import group_files
-    from flgpr.formats.draft_roles import Roles
     from flgpr.report.images import opened_figure
     from flgpr.report.kit import figure_png
     from flgpr.store.outputs import write_new
 
-    roles = Roles(group_files(list(files), LIMIT))
     signal = roles.data.opened.read(roles.signal.name)
     if signal.ndim == 0 or not signal.size or signal.dtype.kind not in "fciu":
         return None

@@ -31,8 +31,8 @@ CLASSIFIER_B = ("C_HH_F1", "M_VV_F1", "P_alpha_F1")
 SIMULANT_BETA = 0.5
 
 
+# Name, alarms, features, truth and borders of a lane.
 LaneOfAlarms = tuple[str, pd.DataFrame, pd.DataFrame, pd.DataFrame, Lane]
-"""Name, alarms, features, truth and borders of a lane."""
 
 
 @dataclass(frozen=True)
