@@ -171,14 +171,15 @@ def kept_seconds() -> dict[tuple[str, str], str]:
     if PAGE.is_file():
         for line in PAGE.read_text(encoding="utf-8").splitlines():
             cells = [cell.strip() for cell in line.strip("|").split("|")]
-            if len(cells) == 5 and cells[1].startswith("`"):
-                kept[cells[0], cells[1].strip("`")] = cells[4]
+            if len(cells) == 5:
+                kept |= {(cells[0], name): cells[4] for name in re.findall("`([^`]+)`", cells[1])}
     return kept
 
 
 def table(rows: list[Feature], tokens: dict[str, int], times: dict[str, float] | None) -> list[str]:
-    """Return the rows of the page."""
+    """Return the rows of the page; features that have all else in common share one."""
     kept = kept_seconds()
+    names: dict[tuple[str, str, int | str, str], list[str]] = {}
     lines = [
         "| kind | feature | user | own code tokens | test seconds |",
         "|---|---|---|---:|---:|",
@@ -189,7 +190,9 @@ def table(rows: list[Feature], tokens: dict[str, int], times: dict[str, float] |
         if times is not None:
             stems = {f"test_{name.rsplit('.', 1)[-1]}" for name in row.own}
             seconds = f"{sum(times.get(stem, 0.0) for stem in stems):.1f}"
-        lines.append(f"| {row.kind} | `{row.name}` | {row.user} | {own or ''} | {seconds} |")
+        names.setdefault((row.kind, row.user, own or "", seconds), []).append(f"`{row.name}`")
+    for (kind, user, own_tokens, seconds), alike in names.items():
+        lines.append(f"| {kind} | {', '.join(alike)} | {user} | {own_tokens} | {seconds} |")
     return lines
 
 
