@@ -150,8 +150,6 @@ def _describe_runs(job: LaneJob, lane: ImagedRun, detections: list[Detection]) -
     described["searched"] = describe_searched(
         lane.run, lane.recipe, Lane(*job.lane), job.lane_source
     )
-    for stage in lane.all_stages:
-        described["searched"]["notes"] += stage.sentences()
     if job.health.findings:
         described["health"] = [finding.as_json() for finding in job.health.findings]
     if job.left_out:

@@ -132,6 +132,8 @@ def describe_trust(lane: ImagedRun, detections: Sequence[Detection]) -> dict[str
     detector = None if lane.substitute else lane.model.detector
     stands_out = what_stands_out(detections[0].alarms, ground, detector)
     described: dict[str, Any] = {"stands_out": stands_out.as_json()}
+    said = [sentence for stage in lane.all_stages for sentence in stage.sentences()]
+    described["stands_out"]["notes"][1:1] = said
     if lane.trust.far is not None:
         described["far"] = rate_threshold(lane, detections[0].alarms).as_json(
             int(detections[0].alarms[ABOVE].sum())

@@ -204,8 +204,9 @@ class EarlierRuns(ClutterStage):
         drives = "an earlier drive" if count == 1 else f"{count} earlier drives"
         suppression, offset = notes["earlier_suppression_db"], 100 * notes["earlier_offset"]
         said = [
-            f"what {drives} predict{'s' * (count == 1)} is subtracted: {suppression:g} dB of the "
-            f"images, with tracks moved by {offset:.0f} cm in the median"
+            f"what {drives} predict{'s' * (count == 1)} is subtracted, so what lay there then does "
+            f"not stand out ({suppression:g} dB of the images, tracks moved by {offset:.0f} cm in the "
+            "median)"
         ]
         if suppression < _FITS:
             said.append(
