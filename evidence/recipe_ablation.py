@@ -48,10 +48,10 @@ class Ablation:
 
     def curve(self, variant: str, changes: list[dict[str, Any]]) -> pd.DataFrame:
         """Return the ROC of a variant over all test lanes."""
-        base = self.case["base"]
-        sensor = next((c["sensor"] for c in changes if "sensor" in c), base["sensor"])
-        clutter = next((c["clutter"] for c in changes if "clutter" in c), {})
-        names = next((c["train"] for c in changes if "train" in c), base["train"])
+        chosen = dict(self.case["base"])
+        for change in changes:
+            chosen |= change
+        sensor, clutter, names = chosen["sensor"], chosen.get("clutter", {}), chosen["train"]
         world = self.folder / f"{sensor}{'-open' if clutter else ''}"
         lanes = {name: self.lane(world, name, sensor, clutter) for name in self.case["lanes"]}
         home = self.folder / variant.replace(", ", "-").replace(" ", "-")

@@ -114,8 +114,10 @@ def array_of(run: xr.Dataset) -> dict[str, float]:
 def of_another_array(model: Model | None, run: xr.Dataset) -> str:
     """Return a sentence where a model was trained with another array than a run's, else ""."""
     trained = None if model is None else model.notes.get("array")
+    if not isinstance(trained, dict):
+        return ""
     own = array_of(run)
-    if not isinstance(trained, dict) or set(trained) != set(own):
+    if set(trained) != set(own):
         return ""
     arrays = [[float(array[name]) for name in own] for array in (trained, own)]
     if np.allclose(arrays[0], arrays[1], rtol=_SAME_ARRAY, atol=_SAME_ARRAY / 2):

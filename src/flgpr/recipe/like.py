@@ -35,10 +35,8 @@ _FITTED = {
     *("clutter.standing", "clutter.masks", "screen.clusters", "features.templates"),
 }
 """Stages of which every entry that belongs to an array has a rule."""
-_BESIDE = (
-    2.0,
-    3.0,
-)  # m from the middle that the roadside of masks begins and images reach at least
+# m from the middle that the roadside of masks begins, and that images reach, at least
+_BESIDE = (2.0, 3.0)
 _OTHER_STAGE = "no rule fits its entries to an array"
 _AHEAD = "distances ahead lie in the images as they do in the model's"
 _SHORTEST_CUT = 6  # pixels
@@ -141,6 +139,7 @@ class _Fitted:
         self.model = model.recipe
         self.model_name = model.name
         self.tables: Tables = parse_toml(model.text)
+        self.simulates = "sensor" in self.tables.get("map", {})  # signatures of an array
         self.antennas = antennas
         self.half = figures.image_x[1]  # of the images, m; masks need the roadside in them
         self.reasons: dict[str, str] = {}
@@ -154,7 +153,7 @@ class _Fitted:
         self._fit_image()
         self._fit_background()
         self._fit_view()
-        if "sensor" in self.tables.get("map", {}):
+        if self.simulates:
             self._fit_map()
         elif self.model.map is not None:
             self._fit_cuts()
@@ -193,7 +192,7 @@ class _Fitted:
         if "clutter.masks" in self.model.named():
             needs = "VV, and VH or HV"
             lacks = "VV" not in has or not {"VH", "HV"} & set(has)
-        elif not self.model.needs_looks or "sensor" in self.tables.get("map", {}):
+        elif not self.model.needs_looks or self.simulates:
             return
         if lacks:
             raise ValueError(
@@ -225,7 +224,7 @@ class _Fitted:
                 "those of the model that the run has",
             )
         bands = self.figures.bands
-        if bands != self.model.image.subbands or "sensor" in self.tables.get("map", {}):
+        if bands != self.model.image.subbands or self.simulates:
             self._set("image", "subbands", {name: list(band) for name, band in bands.items()})
 
     def _fit_clutter(self) -> None:

@@ -200,13 +200,15 @@ def _draw_rocks(scene: Scene, seed: int) -> list[SceneObject]:
     """Draw the rocks on and beside the lane; their radii are 2 cm and exponential above it."""
     rng = stream(seed, "rocks")
     moving = stream(seed, "moved rocks", scene.drive)
+    moved_share = scene.change.rocks
     side = scene.clutter.roadside[1]
     rocks = []
     for x, y in _places_beside(scene, rng, scene.clutter.rocks):
         radius = min(0.02 + rng.exponential(0.02), 0.12)
-        chance, across, along = moving.random(3)
-        if chance < scene.change.rocks:
-            x, y = side * (2 * across - 1), along * (scene.length + 2 * MARGIN) - MARGIN
+        if moved_share > 0:
+            chance, across, along = moving.random(3)
+            if chance < moved_share:
+                x, y = side * (2 * across - 1), along * (scene.length + 2 * MARGIN) - MARGIN
         rocks.append(SceneObject(kind="rock", x=x, y=y, radius=radius))
     return rocks
 
