@@ -230,14 +230,30 @@ while own == 0:
 
 def test_processes_that_race_for_a_file_never_mix(tmp_path):
     said = subprocess.run(
-        [sys.executable, "-c", RACE, str(tmp_path)], capture_output=True, text=True, check=True
+        [sys.executable, "-c", RACE, str(tmp_path)], capture_output=True, text=True, check=False
     )
+    assert (said.returncode, said.stderr) == (0, "")
     for path in tmp_path.iterdir():
         content = path.read_text()
         assert len(content) == 400_000
         assert len(set(content)) == 1
     assert names(tmp_path) == sorted([*(f"new-{trial}" for trial in range(15)), "shared"])
     assert sorted(said.stdout.split()[::2], key=int) == [str(trial) for trial in range(15)]
+
+
+def test_a_temporary_file_may_go_while_another_process_looks_at_it(tmp_path, monkeypatch):
+    temporary = tmp_path / "table.csv.partial"
+    temporary.write_text("of another process")
+    look = Path.lstat
+
+    def look_late(path):
+        temporary.unlink(missing_ok=True)
+        monkeypatch.undo()
+        return look(path)
+
+    monkeypatch.setattr(Path, "lstat", look_late)
+    write_whole(tmp_path / "table.csv", "whole")
+    assert names(tmp_path) == ["table.csv"]
 
 
 def add(folder, number):

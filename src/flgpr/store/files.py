@@ -251,8 +251,9 @@ def _open_alone(temporary: Path) -> BinaryIO:
     flags = os.O_RDWR | os.O_CREAT | system.NO_LINK | system.AT_ONCE | system.PLAIN
     while True:
         refuse_links(temporary)
-        if os.path.lexists(temporary) and not stat.S_ISREG(temporary.lstat().st_mode):
-            temporary.unlink()  # a pipe
+        with suppress(FileNotFoundError):  # there is none, or another process has just renamed it
+            if not stat.S_ISREG(temporary.lstat().st_mode):
+                temporary.unlink()  # a pipe
         file = os.fdopen(os.open(temporary, flags, 0o666), "wb")
         with suppress(OSError):  # a file system without locks
             system.lock(file, wait=True)
