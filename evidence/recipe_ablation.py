@@ -103,7 +103,7 @@ class Ablation:
 
     def recipe(self, changes: list[dict[str, Any]]) -> str:
         """Return the text of the recipe of a variant; each replacement changes what stands once."""
-        text = recipe_text(self.name)
+        text = recipe_text(self.case.get("recipe", self.name))
         for old, new in [
             *self.case["base"]["replace"],
             *(r for c in changes for r in c.get("replace", [])),

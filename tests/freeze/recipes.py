@@ -30,7 +30,7 @@ PACKAGED_LANE = (
 RECIPES = sorted([*LEARNING, *PACKAGED_LANE])
 CAUSAL = ("fused", "wang2007", "wang2007-printed")
 """Recipes that run live."""
-SECOND_BAND = ("fuse2018",)
+SECOND_BAND = ("fuse2018", "fuse2018-printed")
 SECTION = {name: 2.1 if name in PACKAGED_LANE else 6.0 for name in RECIPES}
 """Longest section, m."""
 KILLED = ("flsar2004", "fuse2018", "wang2007")

@@ -63,7 +63,7 @@ def test_what_cannot_raise_alarms_frame_by_frame_is_refused(name, old, new, word
 
 
 def test_the_paper_scores_frames_of_70_square_metres():
-    recipe = load_recipe("fuse2018")
+    recipe = load_recipe("fuse2018-printed")
     assert recipe.frame_area() == Lane(-7.0, 7.0, 5.0, 10.0)
     poses = np.zeros((2, 6))
     poses[:, :2] = [[0.3, 0.0], [0.3, 20.0]]

@@ -61,6 +61,7 @@ step = [1.4, 1.6]
 wander = 0.05
 """
 # What stands in a packaged recipe, and what the small array takes in its place.
+SUMMED = ("spacing = 0.05\nframes = 5 ", "spacing = 0.1\nframes = 2 ")
 SMALL = {
     "cosgrove2004": [
         ("x = [-2.5, 2.5]\ny = [12.0, 18.0]", "x = [-1.6, 1.6]\ny = [4.0, 8.0]"),
@@ -90,10 +91,10 @@ SMALL = {
         ('subband = "10 m"', 'subband = "4.5 m"'),
         ("size = 25\nspacing = 0.05", "size = 13\nspacing = 0.1"),
     ],
-    "fuse2018": [
+    "fuse2018-printed": [
         ("x = [-10.0, 10.0] ", "x = [-3.6, 3.6] "),
         ("y = [5.0, 15.0] ", "y = [3.5, 7.6] "),
-        ("spacing = 0.05\nframes = 5 ", "spacing = 0.1\nframes = 2 "),
+        SUMMED,
         ("L = [0.75e9, 3.2e9]", "L = [0.6e9, 1.7e9]"),
         ("edges = [5.0, 7.5, 10.0, 12.5, 15.0]", "edges = [3.5, 5.0, 8.0]"),
         ("frames = 5\n", "frames = 2\n"),
@@ -120,6 +121,10 @@ SMALL = {
     ],
 }
 SMALL["wang2007-printed"] = SMALL["wang2007"]
+SMALL["fuse2018"] = [
+    ("spacing = 0.05\nframes = 1 ", "spacing = 0.1\nframes = 1 ") if change == SUMMED else change
+    for change in SMALL["fuse2018-printed"]
+]
 SMALL["fused"] = [
     ("x = [-6.0, 6.0]", "x = [-2.4, 2.4]"),
     ("y = [7.0, 26.0]", "y = [3.5, 8.5]"),

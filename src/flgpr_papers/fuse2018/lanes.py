@@ -152,7 +152,7 @@ class FuseRecipe(Table):
 
     def chain(self) -> Recipe:
         """Return the recipe of the detection chain with the study's images and masks."""
-        tables = tomllib.loads(recipe_text("fuse2018"))
+        tables = tomllib.loads(recipe_text("fuse2018-printed"))
         image = self.image.model_dump()
         masks = {
             "edges": image.pop("edges"),

@@ -166,7 +166,7 @@ def result_key(recipe: FuseRecipe, quick: bool, calibration: Calibration | None 
     """
     content: dict[str, Any] = {
         "recipe": recipe.model_dump(mode="json", exclude={"vehicle"}),
-        "chain": recipe_text("fuse2018"),
+        "chain": recipe_text("fuse2018-printed"),
         "quick": quick,
         "variants": list(VARIANTS),
     }
