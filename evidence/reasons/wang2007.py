@@ -1,4 +1,4 @@
-"""Experiments on why statements of Wang et al. 2007 do not hold here.
+"""Experiments on why statements of Wang et al. 2007 do not hold here, and what our recipe costs.
 
 Small twins of its lanes with one thing changed. Twins have the study's site, radar and drive. Those
 of one seed differ in nothing but what is changed. What each explanation predicts was written before
@@ -36,6 +36,7 @@ from flgpr_papers.kit.scenes import changed
 from flgpr_papers.kit.study_worlds import OWN, study_world
 from flgpr_papers.wang2007.analysis import LaneResult, clutter_levels, stands_out
 from flgpr_papers.wang2007.lanes import F1_BAND, TRACK, f1_alone, sensor
+from reasons.recipe_costs import cost_trials
 from reasons.trials import Question, Trial, declared_trials
 
 FloatArray = NDArray[np.float64]
@@ -148,6 +149,7 @@ def trials(
     trial_list = clutter_trials({name: records["clutter", name] for name in CLUTTER_CHANGES})
     if world == OWN:
         trial_list += mine_trials({name: records["mines", name] for name in MINE_CHANGES})
+        trial_list += cost_trials(folder, quick, world, track)
     return trial_list
 
 
