@@ -188,7 +188,6 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "flgpr_exchange/gprmax/output.py _read": ({"File"}, GUARDED),
     "flgpr_exchange/sigmf/reading.py SigmfRecording._find_samples": ({"open"}, THROUGH_FOLDER),
     "flgpr_exchange/sigmf/reading.py SigmfRecording._read_samples": ({"open"}, THROUGH_FOLDER),
-    "flgpr_ground/croissant.py _files": ({"open"}, THROUGH_FOLDER),
     "formats/arrays.py _open_mat": ({"load"}, IN_HAND),
     "formats/child.py unpack": ({"open"}, IN_HAND),
     "commands/design.py _as_json": ({"json.loads"}, IN_HAND),

@@ -1,5 +1,3 @@
-from flgpr_ground.croissant import describe_ground as describe_ground
-from flgpr_ground.croissant import write_croissant as write_croissant
 from flgpr_ground.entering import enter_submissions as enter_submissions
 from flgpr_ground.entering import write_submissions as write_submissions
 from flgpr_ground.entries import find_entry as find_entry
