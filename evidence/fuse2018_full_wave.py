@@ -35,8 +35,9 @@ from flgpr.clutter import (
 from flgpr.imaging import ImagingOperator
 from flgpr.kernels.windows import hann
 from flgpr.model import Grid, Sensor, check_tones, vehicle_to_lane
+from flgpr.report import figure_png
 from flgpr.simulate import Scene, Simulator
-from flgpr.store import open_run, read_table, sample_lane
+from flgpr.store import open_run, read_table, sample_lane, write_whole
 from flgpr_papers.kit.figures import colour_bar, decibels, show, subplots
 
 HALF_WIDTH = 1.4
@@ -89,7 +90,7 @@ def main() -> None:
     for axes in panels[-1]:
         axes.set_xlabel("x (m)")
     colour_bar(panels, panels[0, 1].images[0], "dB under the VV peak")
-    figure.savefig(_PICTURE, dpi=110)
+    write_whole(_PICTURE, figure_png(figure, 80))
 
 
 def draw_rule(
