@@ -15,7 +15,7 @@ import numpy as np
 sys.path.append(str(Path(__file__).parent))
 from common import Stated, markdown, matched, stated_in
 from flgpr.trials import open_truth
-from flgpr_ground.running import SEALED, passphrase, read_ground
+from flgpr_ground.lanes import SEALED, passphrase, read_ground
 
 BINS = 10
 SPLITS = ("standard", "new-site")

@@ -28,7 +28,7 @@ BY_NAME = {
     "lazy.py": "names of a package's own stub",
     "io/__init__.py": "the rooms of files, which a constant names",
     "store/extras.py": "packages of the extras, by constants of its callers",
-    "stages/__init__.py": "packaged stages by a table, and what installed distributions offer",
+    "stages/named.py": "packaged stages by a table, and what installed distributions offer",
     "commands/app.py": "what installed distributions offer",
     "commands/exports.py": "what installed distributions offer",
     "commands/simulate.py": "what installed distributions offer",

@@ -29,14 +29,8 @@ from flgpr.recipe.tables import (
     RunViewTable,
     ScoreTable,
 )
-from flgpr.stages import (
-    ClutterNamed,
-    FeaturesNamed,
-    MapNamed,
-    Named,
-    ScreenNamed,
-    Table,
-)
+from flgpr.stages import Table
+from flgpr.stages.named import ClutterNamed, FeaturesNamed, MapNamed, Named, ScreenNamed
 from flgpr.toml_text import parse_toml
 from flgpr.types import FloatArray
 

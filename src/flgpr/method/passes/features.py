@@ -2,7 +2,7 @@
 
 Contrast and polarimetric features are those of Wang et al. 2007, Eq. 5 to 17
 (``features/alarm_features.py``). The other columns are those of the recipe's feature stages: a new
-column is a stage such as ``stages/tracking.py``, and its row in ``stages/__init__.py``.
+column is a stage such as ``stages/tracking.py``, and its row in ``stages/named.py``.
 
 What explains the alarms to the viewer: patches, cuts and A-scans of the nearest looks.
 """

@@ -20,7 +20,8 @@ import xarray as xr
 from flgpr.engine import Accumulator, PlannedPass, bundle_groups, group_of
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.steps import CleanedImages
-from flgpr.stages import FeatureStage, Named
+from flgpr.stages import FeatureStage
+from flgpr.stages.named import Named
 from flgpr.store import sha256
 from flgpr.types import AnyArray, Arrays, ComplexArray, Float32Array, FloatArray, floats
 
