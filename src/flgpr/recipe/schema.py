@@ -71,8 +71,8 @@ class Recipe(Table):
     clutter: tuple[ClutterNamed, ...] = ()
     map: MapNamed | None = None
     screen: ScreenNamed | None = None
-    features: FeaturesTable | None = None
-    columns: tuple[FeaturesNamed, ...] = ()
+    features: FeaturesTable | None = None  #: the ten features of Wang et al. 2007
+    columns: tuple[FeaturesNamed, ...] = ()  #: stages of the kind features, which make others
     detector: DetectorTable | None = None
     confidence: str = "contrast"
 

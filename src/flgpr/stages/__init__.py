@@ -331,18 +331,18 @@ class ScreenStage(Stage):
 
 
 class FeatureStage(Stage):
-    """Adds columns to the features of alarms, by one of the two methods or both.
+    """Makes features of alarms, each a column of their table, by one of the two methods or both.
 
-    A recipe names it under ``[[columns]]``, and its columns among ``features`` of a detector.
+    A recipe names it under ``[[columns]]``, and its features among ``features`` of a detector.
     Of the values of ``of_image`` the mean over all scans that see an alarm is taken, live over
     those so far; the chain gathers them. A stage with ``of_view`` waits for the whole run.
     """
 
     kind = "features"
     columns: tuple[str, ...] = ()
-    """Columns of ``of_image``; empty without that method."""
+    """Names of the features that ``of_image`` makes; empty without that method."""
     alarm_columns: ClassVar[tuple[str, ...]] = ()
-    """Columns that the alarm table shows, too."""
+    """Features that the alarm table shows, too."""
 
     def __init_subclass__(cls, **more: Any) -> None:
         super().__init_subclass__(**more)
@@ -353,9 +353,9 @@ class FeatureStage(Stage):
 
     @classmethod
     def column_count(cls, settings: Any, polarizations: int, view: Grid) -> int:  # noqa: ARG003
-        """Return how many columns it has at most, for the estimate of memory.
+        """Return how many features it makes at most, for the estimate of memory.
 
-        Few columns need not be counted: what is taken for an alarm anyway covers some hundred.
+        Few need not be counted: what is taken for an alarm anyway covers some hundred.
 
         Parameters
         ----------
@@ -381,7 +381,7 @@ class FeatureStage(Stage):
         Returns
         -------
         mapping of str to (alarm,) ndarray
-            The columns; NaN where the scan does not see the alarm.
+            The features; NaN where the scan does not see the alarm.
         """
         raise NotImplementedError
 
@@ -397,12 +397,12 @@ class FeatureStage(Stage):
         view : (polarization, subband, y, x) DataArray
             Run-view.
         points : (alarm, 2) ndarray
-            x and y of the alarms in the lane frame, m. There may be none: the names of the columns
+            x and y of the alarms in the lane frame, m. There may be none: the names of the features
             are then asked for, and the run-view says nothing.
 
         Returns
         -------
         mapping of str to (alarm,) ndarray
-            The columns.
+            The features.
         """
         return {}
