@@ -181,8 +181,7 @@ def test_the_self_signature_goes_whatever_its_gain():
 def test_an_aperture_is_the_coherent_sum_of_its_frames():
     stage = make_frames("A", 2, 3).stage
     one = stage.aperture(2)
-    assert len(one.data) == len(one.looks) == 2
-    np.testing.assert_allclose(one.looks.sum(axis=0), one.vv, rtol=1e-5)
+    assert len(one.data) == 2
     np.testing.assert_allclose(
         one.stack_on(stage.points).adjoint(one.data)[0, 0], one.vv, atol=1e-3
     )
