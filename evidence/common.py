@@ -17,8 +17,6 @@ from flgpr.store import read_table, write_table
 from flgpr_ground.ground import Ground, GroundLane
 from flgpr_ground.running import ALARMS, entry_folder
 
-STRETCH = 10.0  # m of lane that are drawn together
-
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """Return a table in Markdown."""
@@ -67,15 +65,13 @@ class Stated(NamedTuple):
 
     p: np.ndarray  # (alarm,) stated probability of a target
     hit: np.ndarray  # (alarm,) whether there is one within the halo
-    stretch: np.ndarray  # (alarm,) number of the stretch of lane
 
 
 def stated_in(of_entry: Match, lanes: list[str]) -> Stated:
     """Return the alarms in lanes with targets, and which are hits."""
     p = []
     hit = []
-    stretch = []
-    for number, name in enumerate(lanes):
+    for name in lanes:
         alarms = of_entry.alarms[of_entry.alarms["lane"] == name]
         targets = of_entry.truth[of_entry.truth["lane"] == name][["x", "y"]].to_numpy()
         xy = alarms[["x", "y"]].to_numpy()
@@ -83,5 +79,4 @@ def stated_in(of_entry: Match, lanes: list[str]) -> Stated:
         off = np.linalg.norm(xy[inside][:, None] - targets, axis=-1).min(axis=1)
         hit.append(off <= of_entry.halo)
         p.append(expit(alarms["confidence"].to_numpy()[inside]))
-        stretch.append(1000 * number + (xy[inside, 1] // STRETCH).astype(int))
-    return Stated(np.concatenate(p), np.concatenate(hit), np.concatenate(stretch))
+    return Stated(np.concatenate(p), np.concatenate(hit))

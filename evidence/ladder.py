@@ -32,14 +32,9 @@ from flgpr.simulate import draw_world
 from flgpr.store.tables import read_columns
 from flgpr.trials import open_truth
 from flgpr_ground.ground import Ground
+from flgpr_ground.lanes import SEALED, passphrase, read_ground
 from flgpr_ground.oracle import BareGround, cleaned_lane, lanes_of_site, looks_at_mines
-from flgpr_ground.running import (
-    ALARMS,
-    SEALED,
-    entry_folder,
-    passphrase,
-    read_ground,
-)
+from flgpr_ground.running import ALARMS, entry_folder
 
 RUNGS = {
     "phases": "and the phases between looks",

@@ -23,7 +23,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 from flgpr.commands.app import COMMANDS
-from flgpr.stages import PACKAGED
+from flgpr.stages.named import PACKAGED
 
 ROOT = Path(__file__).parent.parent
 SOURCES = ROOT / "src"

@@ -38,7 +38,7 @@ from flgpr.scoring.score_entries import (
     TargetOutcome,
 )
 from flgpr.simulate.scene.scene import Scene
-from flgpr.stages import find_stage, stage_names
+from flgpr.stages.named import find_stage, stage_names
 
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 FILES: dict[str, tuple[type[BaseModel], str]] = {

@@ -20,7 +20,7 @@ import pandas as pd
 from flgpr.store.tables import read_columns
 from flgpr_ground.figures import tiers_figure
 from flgpr_ground.ground import Ground, scores_at
-from flgpr_ground.running import read_ground
+from flgpr_ground.lanes import read_ground
 from flgpr_ground.table import paired_in_words
 
 STANDARD = "standard"

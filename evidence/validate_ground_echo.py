@@ -11,11 +11,10 @@ twins, with the goals that were set before:
   value. It is Stein's, ``(tr(S) - ln det(S))/d - 1`` with S the covariance whitened by that of the twins; chips are
   divided by their own power. As few chips diverge by themselves, that of single sets of twins is beside it.
 
-Two more tables hold the direct wave of lane a against the closed form of a short dipole, tone by tone, and the echo of
-the solved lanes at paths of 2.2 to 3.9 m against that of a smooth surface by image theory. Beside the latter are three
-laws of what roughness takes, at nadir: the simulator's ``exp(-2(k s)²)``, second-order perturbation for the exponential
-correlation of the heights, and its limit for short waves of the surface, ``exp(-2(k s)² sqrt(ε))``. The last two take
-the rms height of the solver's grid.
+One more table holds the echo of the solved lanes at paths of 2.2 to 3.9 m against that of a smooth surface by image
+theory. Beside it are three laws of what roughness takes, at nadir: the simulator's ``exp(-2(k s)²)``, second-order
+perturbation for the exponential correlation of the heights, and its limit for short waves of the surface,
+``exp(-2(k s)² sqrt(ε))``. The last two take the rms height of the solver's grid.
 """
 
 from __future__ import annotations
@@ -38,7 +37,6 @@ from flgpr.model import SPEED_OF_LIGHT, Grid, load_sensor
 from flgpr.simulate.bodies.echoes import LayeredGround
 from flgpr.simulate.ground.specular import SpecularEcho
 from flgpr.simulate.ground.terrain import TerrainHeights
-from flgpr.simulate.radar.coupling import direct_wave
 from flgpr.simulate.simulator import array_state, system_response
 from full_wave_twins import (
     BANDS,
@@ -243,34 +241,6 @@ def print_covariances(lanes: list[Lane]) -> None:
     print(markdown(["lanes", "chips", "twins", *heads, "below 0.2"], rows))
 
 
-def print_unit() -> None:
-    """Print the direct wave of lane a over the closed form: power of frequency, and what is left of it."""
-    run = full_wave().run.load()
-    frequency = run["frequency"].values
-    distance = np.linalg.norm((run["tx_position"] - run["rx_position"]).values, axis=1)
-    near = (distance > 0.2) & (distance < 0.6)
-    sensor = load_sensor(ECHO)
-    state = array_state(sensor, np.zeros(6))
-    closed = direct_wave(state, frequency, sensor.antenna.side_db)
-    closed = closed * system_response(sensor, frequency)
-    rows = []
-    for row, label in ((0, "HH"), (3, "VV")):
-        ratio = run["signal"].values[:, row][:, near] / closed[row, near]
-        level = np.median(20 * np.log10(np.abs(ratio)), axis=(0, 1))
-        decade = 20 * np.log10(frequency / frequency[0])
-        exponent, start = np.polyfit(decade, level, 1)
-        rest = np.std(level - exponent * decade - start)
-        turn = np.degrees(np.abs(np.angle((ratio / np.abs(ratio)).mean())))
-        rows.append([label, f"{exponent:.2f}", f"{rest:.3f}", f"{turn:.0f}"])
-    print("\nDirect wave of lane a over the closed form, pairs 0.2 to 0.6 m apart\n")
-    print(
-        markdown(
-            ["polarization", "power of frequency", "rest (dB, rms over tones)", "turned by (°)"],
-            rows,
-        )
-    )
-
-
 def gated(signal: np.ndarray, frequency: np.ndarray) -> np.ndarray:
     """Return what of a signal comes by paths within the gate of the specular echo."""
     path = np.arange(4096) / 4096 * SPEED_OF_LIGHT / (frequency[1] - frequency[0])
@@ -395,7 +365,6 @@ def main() -> None:
     print_paths(lanes)
     print_images(lanes)
     print_covariances(lanes)
-    print_unit()
     print_roughness()
     if given.figure is not None:
         draw(lanes, given.figure)

@@ -449,11 +449,6 @@ COMMANDS = [
         loose=("*/truth.sealed.json",),
     ),
     Command(
-        "benchmark croissant",
-        "benchmark croissant {in}/ground -o {out}/croissant.json",
-        "benchmark croissant --ground {in}/other-ground.toml -o {out}/croissant.json",
-    ),
-    Command(
         "benchmark enter",
         "benchmark enter {in}/submission --ground {in}/ground.toml -o {out}/ground",
         "benchmark enter {in}/other-submission --ground {in}/ground.toml -o {out}/ground",

@@ -1,7 +1,7 @@
 """Small proving grounds of tests, and what is asked of their folders."""
 
 from flgpr.trials import read_register
-from flgpr_ground.running import SEALED
+from flgpr_ground.lanes import SEALED
 from systems.lanes import SENSOR
 
 RULES = """\

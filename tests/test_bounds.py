@@ -19,7 +19,7 @@ from flgpr.simulate.bodies.signature import load_body, packaged_bodies
 from flgpr.simulate.bodies.signature.body import Body
 from flgpr.simulate.effort import MOST_MEMORY, check_effort, drawing_effort, simulation_effort
 from flgpr.simulate.scene.scene import sites
-from flgpr.stages import PACKAGED, find_stage, stage_names
+from flgpr.stages.named import PACKAGED, find_stage, stage_names
 from flgpr_ground.ground import GROUNDS, Description, load_ground
 
 SETTINGS = [find_stage(kind, name).Settings for kind in PACKAGED for name in stage_names(kind)]

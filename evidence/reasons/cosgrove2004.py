@@ -14,34 +14,25 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.clutter import ClutterWhitener
-from flgpr.detect import DeflectionDetector
 from flgpr.features import clean_pixels, clutter_cuts, range_cuts, stack_channels
 from flgpr.progress import Track, silent
-from flgpr.scoring import pd_at, peak_roc
 from flgpr.stages.forms import samples_at
 from flgpr_papers.cosgrove2004.detect import (
-    Training,
-    chip_detector,
     eigenvalue_ratios,
     learn,
-    score_looks,
     target_cut,
 )
 from flgpr_papers.cosgrove2004.images import (
-    WIDE_MINES,
     Look,
     signature_looks,
-    wide_image,
 )
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe, study_recipe
 from flgpr_papers.cosgrove2004.signature import (
     fourth_moment_ratio,
     polarization_correlation,
-    wide_boxes,
 )
 from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.study_worlds import OWN
@@ -120,13 +111,10 @@ def trials(
     key = _key(recipe, "nothing")
     alone_file = folder / "reasons" / f"alone-{key}.json"
     alone = read_or_make(alone_file, partial(alone_record, recipe))
-    visible_file = folder / "reasons" / f"visible-{key}.json"
-    levels = read_or_make(visible_file, partial(visibility_record, recipe))
     return [
         *declared_trials("cosgrove2004", "eigenvalue", records),
         *correlation_trials(records, alone),
         *declared_trials("cosgrove2004", "moment", records),
-        *visibility_trials(levels),
     ]
 
 
@@ -149,9 +137,8 @@ def lane_record(recipe: StudyRecipe, change: LaneChange, seed: int) -> dict[str,
     -------
     dict
         ``ratios`` and ``surveyed_ratios``, eigenvalues of Â over the first, of cuts at the
-        brightest place and of cuts where survey and refraction place the mines; ``pd`` of the
-        deflection detector at the study's P_FA; the measures of :func:`correlation_record` and
-        :func:`moment_record`.
+        brightest place and of cuts where survey and refraction place the mines; the measures of
+        :func:`correlation_record` and :func:`moment_record`.
     """
     looks = open_looks(recipe, SITE, seed, recipe.study.share, change)
     trains = [look for look in looks if look.trains]
@@ -161,7 +148,6 @@ def lane_record(recipe: StudyRecipe, change: LaneChange, seed: int) -> dict[str,
     return {
         "ratios": eigenvalue_ratios(recipe, training).tolist(),
         "surveyed_ratios": surveyed.tolist(),
-        "pd": deflection_pd(recipe, training, test),
         **correlation_record(recipe, test),
         **moment_record(recipe, test, training.whitener),
     }
@@ -319,35 +305,6 @@ def alone_record(recipe: StudyRecipe) -> dict[str, list[float]]:
     }
 
 
-def visibility_record(recipe: StudyRecipe) -> list[list[float]]:
-    """Return how far every mine of Fig. 2 stands out, dB, seed by seed.
-
-    The level is that over the strongest clutter at the mine's range.
-    """
-    seeds = range(1, 1 + recipe.study.seeds)
-    return [visibility_db(recipe, wide_image(recipe, seed)) for seed in seeds]
-
-
-def visibility_db(recipe: StudyRecipe, image: xr.DataArray) -> list[float]:
-    """Return the peak of every mine of the wide image over that of the clutter at its range, dB.
-
-    Both are peaks of boxes in HH, that of clutter the strongest of all boxes.
-    """
-    levels = []
-    for at_mine, at_clutter in wide_boxes(recipe, image):
-        levels.append(float(10 * np.log10(at_mine / at_clutter.max())))
-    return levels
-
-
-def deflection_pd(recipe: StudyRecipe, training: Training, test: Sequence[Look]) -> float:
-    """Return Pd of the deflection detector at the study's P_FA on the test looks of a lane."""
-    detector = DeflectionDetector(recipe.detector.rank, recipe.detector.ddof).fit(training.white)
-    form = chip_detector(recipe, detector.forms_, training.whitener, recipe.cut.length)
-    peaks = score_looks(recipe, test, {"deflection": form})["deflection"]
-    curve = peak_roc(peaks.target, peaks.clutter, recipe.score.box**2)
-    return float(pd_at(curve, recipe.score.pfa))
-
-
 def correlation_trials(records: Records, alone: Mapping[str, Sequence[float]]) -> list[Trial]:
     """Return trials of why mines are less correlated in HH and VV than clutter (III-C).
 
@@ -363,16 +320,3 @@ def correlation_trials(records: Records, alone: Mapping[str, Sequence[float]]) -
     }
     shift = {"centimetres": 2 * SHIFTS[best]}
     return declared_trials("cosgrove2004", "correlation", {**records, **more}, **shift)
-
-
-def visibility_trials(levels: Sequence[Sequence[float]]) -> list[Trial]:
-    """Return how far the mines of Fig. 2 stand out, for comparison with the study's rule.
-
-    The rule asks for a quantile of the clutter.
-    """
-    places = zip(WIDE_MINES, zip(*levels, strict=True), strict=True)
-    records = {
-        f"the mine at {y:g} m": [{"level": level} for level in of_mine]
-        for (_, y), of_mine in places
-    }
-    return declared_trials("cosgrove2004", "visibility", records)

@@ -1,4 +1,4 @@
-"""Experiments on why statements of Wang et al. 2007 do not hold here.
+"""Experiments on why statements of Wang et al. 2007 do not hold here, and what our recipe costs.
 
 Small twins of its lanes with one thing changed. Twins have the study's site, radar and drive. Those
 of one seed differ in nothing but what is changed. What each explanation predicts was written before
@@ -7,7 +7,6 @@ they ran.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import chain
@@ -21,22 +20,21 @@ from numpy.typing import NDArray
 
 import flgpr
 from flgpr.method.imaged_run import ImagedRun
-from flgpr.method.method import detect, engine_of
+from flgpr.method.method import engine_of
 from flgpr.model import lane_to_scan
 from flgpr.progress import Track, silent
 from flgpr.recipe.schema import Recipe, parse_recipe, recipe_text
-from flgpr.scoring import assign, match
 from flgpr.screen import RunViewSums, view_array
 from flgpr.simulate import BARE, EVEN, Scene, simulate
 from flgpr.simulate.bodies.signature.table import body_size
 from flgpr_papers.kit.cache import key_of, read_or_make
-from flgpr_papers.kit.intervals import Bounds, Interval, proportion
-from flgpr_papers.kit.mines import MIXES, mix_draws
+from flgpr_papers.kit.mines import mix_draws
 from flgpr_papers.kit.scenes import changed
 from flgpr_papers.kit.study_worlds import OWN, study_world
 from flgpr_papers.wang2007.analysis import LaneResult, clutter_levels, stands_out
-from flgpr_papers.wang2007.lanes import F1_BAND, TRACK, f1_alone, sensor
-from reasons.trials import Question, Trial, declared_trials
+from flgpr_papers.wang2007.lanes import TRACK, sensor
+from reasons.recipe_costs import cost_trials
+from reasons.trials import Trial, declared_trials
 
 FloatArray = NDArray[np.float64]
 Record = Mapping[str, Any]
@@ -44,8 +42,6 @@ SEEDS = (301, 302)
 """Seeds of the twins with each change."""
 CLUTTER_LENGTH = 150.0
 """Length of a lane on which clutter is measured, m."""
-MINE_LENGTH = 168.0
-"""Length of a lane on which mines are looked for, m."""
 SCAN_EVERY = 3
 """Of so many scans one is measured by itself."""
 NEAR, FAR, HALF = 8.0, 16.0, 3.0
@@ -60,15 +56,6 @@ _CLUTTER_DRAWS = (
     ("plastic", 0.05, 2),
     ("plastic", 0.10, 1),
     ("simulant", 0.05, 2),
-)
-_MINE_DRAWS = (
-    ("metal", -0.15, 3),
-    ("plastic", -0.15, 2),
-    ("metal", 0.05, 1),
-    ("metal", 0.10, 2),
-    ("metal", 0.15, 1),
-    ("plastic", 0.05, 6),
-    ("plastic", 0.10, 6),
 )
 _TARGETS = "targets taken out"
 _STREWN = "nothing in or on the soil"
@@ -90,27 +77,6 @@ CLUTTER_CHANGES: dict[str, tuple[bool, dict[str, dict[str, Any]]]] = {
     _EVEN_SURFACE: (False, _ALONE | {"surface": {"texture_shape": None}}),
 }
 """Whether there are targets, and entries of the scene's parts, by what is changed."""
-_FUZE = "all plastic mines TM-62P with a metal fuze"
-_SMOOTH = "surface of 1 mm rms, the smoothest of prepared-earth's range"
-_BEST = "the best ends of prepared-earth's ranges together, nothing in the soil"
-MINE_CHANGES: dict[str, tuple[str, dict[str, dict[str, Any]]]] = {
-    "nothing": ("plastic", {}),
-    _FUZE: ("tm-62p", {}),
-    "the mix plastic-large-gap": ("plastic-large-gap", {}),
-    "the mix plastic-minimum-metal": ("plastic-minimum-metal", {}),
-    _SMOOTH: ("plastic", {"surface": {"rms_height": 0.001}}),
-    _BEST: (
-        "plastic",
-        {
-            **_IN_SOIL,
-            "soil": {"moisture": 0.18, "loss_tangent": 0.03},
-            "surface": {"rms_height": 0.001, "unevenness": 16e-6},
-        },
-    ),
-}
-"""Mix or body of the plastic mines, and entries of the scene's parts, by what is changed."""
-_FOUND: Bounds = (0.75, 1.0)  # the paper's 90 % less the margin of the study's rule
-_ALL_FOUND: Bounds = (0.85, 1.0)  # its 100 % less that margin
 
 
 def trials(
@@ -125,7 +91,7 @@ def trials(
     quick : bool
         Short lanes of one seed with a thin surface: shows that everything runs.
     world : str
-        World of the study. The experiments with other mines are of prepared lanes alone.
+        World of the study. The costs are of prepared lanes alone.
     track : callable
         Shows progress.
 
@@ -135,27 +101,18 @@ def trials(
         In the order of the statements.
     """
     seeds = SEEDS[:1] if quick else SEEDS
-    jobs = [("clutter", name, seed) for name in CLUTTER_CHANGES for seed in seeds]
-    if world == OWN:
-        jobs += [("mines", name, seed) for name in MINE_CHANGES for seed in seeds]
-    records: dict[tuple[str, str], list[Record]] = {}
-    for kind, name, seed in track(jobs, "changed lanes", len(jobs)):
-        make, scene = _job(kind, name, quick, world)
+    jobs = [(name, seed) for name in CLUTTER_CHANGES for seed in seeds]
+    records: dict[str, list[Record]] = {}
+    for name, seed in track(jobs, "changed lanes", len(jobs)):
+        scene = clutter_scene(name, quick, world)
         key = key_of(scene.model_dump(mode="json"), seed, SCAN_EVERY, flgpr.__version__)
-        path = folder / "reasons" / f"{kind}-{key}.json"
-        record = read_or_make(path, partial(make, scene, seed))
-        records.setdefault((kind, name), []).append(record)
-    trial_list = clutter_trials({name: records["clutter", name] for name in CLUTTER_CHANGES})
+        path = folder / "reasons" / f"clutter-{key}.json"
+        record = read_or_make(path, partial(clutter_record, scene, seed))
+        records.setdefault(name, []).append(record)
+    trial_list = clutter_trials(records)
     if world == OWN:
-        trial_list += mine_trials({name: records["mines", name] for name in MINE_CHANGES})
+        trial_list += cost_trials(folder, quick, world, track)
     return trial_list
-
-
-def _job(kind: str, name: str, quick: bool, world: str) -> tuple[Any, Scene]:
-    """Return how a changed lane is recorded, and its scene."""
-    if kind == "clutter":
-        return clutter_record, clutter_scene(name, quick, world)
-    return mine_record, mine_scene(name, quick)
 
 
 def clutter_scene(name: str, quick: bool = False, world: str = OWN) -> Scene:
@@ -171,68 +128,36 @@ def clutter_scene(name: str, quick: bool = False, world: str = OWN) -> Scene:
         World of the study.
     """
     targets, tables = CLUTTER_CHANGES[name]
-    mixes = study_world("wang2007", world).mixes
-    draws = []
-    for kind, depth, count in _CLUTTER_DRAWS:
-        draws += _draws(kind, depth, count, mixes.get(kind))
-    return _scene(draws if targets else [], tables, CLUTTER_LENGTH, quick, world)
+    site = study_world("wang2007", world)
+    draws: list[dict[str, Any]] = []
+    for kind, depth, count in _CLUTTER_DRAWS if targets else ():
+        draws += _draws(kind, depth, count, site.mixes.get(kind))
+    scene = Scene.model_validate(
+        {
+            "name": "twin",
+            "site": site.sites["lane"],
+            "length": 36.0 if quick else CLUTTER_LENGTH,
+            "draws": draws,
+            "track": {**TRACK, "step": (2.6, 3.0), "start": -14.0} if quick else TRACK,
+            "surface": {"density": 20.0 if quick else 100.0},
+        }
+    )
+    changes: dict[str, Any] = {table: dict(entries) for table, entries in tables.items()}
+    return changed(scene, **changes)
 
 
-def mine_scene(name: str, quick: bool = False) -> Scene:
-    """Return a prepared lane with the paper's kinds of mines and a change of ``MINE_CHANGES``.
-
-    Parameters
-    ----------
-    name : str
-        Name of the change.
-    quick : bool
-        A short lane.
-    """
-    plastic, tables = MINE_CHANGES[name]
-    draws = []
-    for kind, depth, count in _MINE_DRAWS:
-        draws += _draws(kind, depth, count, plastic if kind == "plastic" else kind)
-    return _scene(draws, tables, MINE_LENGTH, quick, OWN)
-
-
-def _draws(kind: str, depth: float, count: int, made_of: str | None) -> list[dict[str, Any]]:
-    """Return the draws of mines of a mix, of a body, or of the generic body (None).
+def _draws(kind: str, depth: float, count: int, mix: str | None) -> list[dict[str, Any]]:
+    """Return the draws of mines of a mix, or of the generic body (None).
 
     A body that lies on the ground has the depth of its own height.
     """
-    if made_of is None:
+    if mix is None:
         return [{"kind": kind, "depth": depth, "count": count}]
-    if made_of in MIXES:
-        draws = mix_draws(made_of, depth, count)
-    else:
-        draws = [{"kind": kind, "body": made_of, "depth": depth, "count": count}]
+    draws = mix_draws(mix, depth, count)
     if depth < 0:
         for draw in draws:
             draw["depth"] = -body_size(draw["body"])["height"]
     return draws
-
-
-def _scene(
-    draws: list[dict[str, Any]],
-    tables: Mapping[str, Mapping[str, Any]],
-    length: float,
-    quick: bool,
-    world: str,
-) -> Scene:
-    """Return a lane with draws of mines and changed tables."""
-    track = {**TRACK, "step": (2.6, 3.0), "start": -14.0} if quick else TRACK
-    scene = Scene.model_validate(
-        {
-            "name": "twin",
-            "site": study_world("wang2007", world).sites["lane"],
-            "length": 36.0 if quick else length,
-            "draws": draws,
-            "track": track,
-            "surface": {"density": 20.0 if quick else 100.0},
-        }
-    )
-    changes: dict[str, Any] = {name: dict(entries) for name, entries in tables.items()}
-    return changed(scene, **changes)
 
 
 def clutter_record(scene: Scene, seed: int) -> dict[str, Any]:
@@ -301,33 +226,6 @@ def _scan_row(
     return row
 
 
-def mine_record(scene: Scene, seed: int) -> dict[str, Any]:
-    """Simulate a lane in F1 and search it with C_HH and with the prescreener.
-
-    Parameters
-    ----------
-    scene : Scene
-        The lane.
-    seed : int
-        Seed of what the scene leaves to chance.
-
-    Returns
-    -------
-    dict
-        ``targets``, a row per mine: ``kind``, ``depth`` (m), and the false alarms per m² at which
-        it is found by ``contrast`` (C_HH) and by ``prescreener`` (HH F1), None where it is not.
-    """
-    run, truth = simulate(scene, sensor(F1_BAND), seed)
-    recipe = parse_recipe(f1_alone(recipe_text("wang2007")))
-    alarms = detect(run, recipe, scene.lane).alarms
-    rankings = {"contrast": alarms, "prescreener": alarms.assign(confidence=alarms["magnitude"])}
-    table = truth[["kind", "depth"]].copy()
-    for name, ranked in rankings.items():
-        far = assign(match(ranked, truth, scene.lane))["far"].to_numpy(dtype=np.float64)
-        table[name] = [float(value) if math.isfinite(value) else None for value in far]
-    return {"targets": table.to_dict("records")}
-
-
 def clutter_trials(records: Mapping[str, Sequence[Record]]) -> list[Trial]:
     """Return trials of what makes clutter in HH stand out less in F2 than in F1 (Fig. 8)."""
     rows = {}
@@ -335,40 +233,3 @@ def clutter_trials(records: Mapping[str, Sequence[Record]]) -> list[Trial]:
         rows[name] = list(chain.from_iterable(record["view"] for record in of_lanes))
         rows[f"scans: {name}"] = list(chain.from_iterable(record["scans"] for record in of_lanes))
     return declared_trials("wang2007", "clutter", rows, lanes=len(records["nothing"]))
-
-
-def mine_trials(records: Mapping[str, Sequence[Record]]) -> list[Trial]:
-    """Return trials of why plastic is found less often than in the paper (Sec. III).
-
-    Parameters
-    ----------
-    records : mapping of str to sequence of Record
-        Records of every change, seed by seed, see :func:`mine_record`.
-    """
-    plastic = "Of the buried plastic mines C_HH finds 90% at 0.07 per m² (calibration)"
-    reached = "HH F1 reaches 100 % at FAR <= 0.15 per m²"
-    explanations = {
-        _FUZE: "the mix of mines: what has neither metal nor much air is hardly found",
-        _SMOOTH: "the surface, which could be as smooth as 1 mm",
-        _BEST: "road and soil, which could be at the best ends of their ranges",
-    }
-    trial_list = []
-    for name in MINE_CHANGES:
-        explanation = explanations.get(name, "")
-        targets = pd.concat([pd.DataFrame(record["targets"]) for record in records[name]])
-        buried = targets[(targets["kind"] == "plastic") & (targets["depth"] > 0)]
-        for far, why in ((0.07, explanation), (0.02, "")):
-            value, sample = _found_share(buried["contrast"], far)
-            quantity = f"buried plastic found by C_HH at {far:g} per m²"
-            trial_list.append(Question(plastic, quantity, sample).asked(why, name, value, _FOUND))
-        value, sample = _found_share(targets["prescreener"], 0.15)
-        question = Question(reached, "mines found by HH F1 at 0.15 per m²", sample)
-        trial_list.append(question.asked(explanation, name, value, _ALL_FOUND))
-    return trial_list
-
-
-def _found_share(far_of_targets: pd.Series, far: float) -> tuple[Interval, str]:
-    """Return the share of targets found at an allowed FAR with its exact interval, and in words."""
-    cost = far_of_targets.to_numpy(dtype=np.float64)  # None becomes NaN, which is not found
-    number = int((cost <= far).sum())
-    return proportion(number, len(cost)), f"{number} of {len(cost)} mines"

@@ -1,9 +1,9 @@
-"""What decides: on which lanes mines are found, and in which worlds the papers' statements hold.
+"""What decides: on which lanes mines are found.
 
 ``python evidence/worlds DIR [--part detection] [--workers 2]`` writes the tables and figures of
 docs/evidence/worlds into DIR: which worlds give which Pd (detection), what each part of a road costs
-(ablation), height and standoff (geometry), the papers' statements (statements). An interrupted run
-resumes lane by lane. ``--part figures`` runs nothing: it draws the figures of the tables in DIR.
+(ablation), height and standoff (geometry). An interrupted run resumes lane by lane. ``--part
+figures`` runs nothing: it draws the figures of the tables in DIR.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from flgpr.commands.bars import Bars
 from flgpr.jobs.workers import Executor, InProcess, Processes
 from flgpr.progress import Track, silent
-from worlds import ablation, detection, geometry, statements
+from worlds import ablation, detection, geometry
 from worlds.figures import draw_figures
 from worlds.lanes import read_targets, run_jobs
 from worlds.short_tables import short_tables
 from worlds.tables import write_rounded_table
 
 LANES = {"detection": detection, "ablation": ablation, "geometry": geometry}
-"""Parts whose lanes are simulated and searched here, not by a paper's study."""
+"""Parts whose lanes are simulated and searched."""
 FIGURES = "figures"
-PARTS = (*LANES, "statements", FIGURES)
+PARTS = (*LANES, FIGURES)
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -46,9 +46,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 def run_part(folder: Path, part: str, executor: Executor, track: Track = silent) -> None:
     """Run what is not on disk of a part, and write the tables of all that is."""
-    if part == "statements":
-        statements.run(folder, executor, track)
-    elif part in LANES:
+    if part in LANES:
         jobs = LANES[part].jobs()
         run_jobs(folder, jobs, executor, track)
         targets = read_targets(folder, jobs)

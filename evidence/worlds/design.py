@@ -1,9 +1,9 @@
-"""Designed fractions of a space of axes: D-optimal tables, and what they can decide."""
+"""The model of a designed fraction of a space of axes, and what the fraction can decide."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import combinations, product
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 Axes = Mapping[str, Sequence[Any]]
-# of the logarithm of a determinant: candidates that differ by rounding alone count as equal
-_DIGITS = 9
 
 
 def contrasts(levels: int) -> FloatArray:
@@ -111,143 +109,6 @@ def marginal_row(
     return row
 
 
-def d_optimal(
-    axes: Axes, crossed: tuple[str, str], each: int, repeats: int, seed: int, starts: int = 20
-) -> pd.DataFrame:
-    """Design a fraction that resolves all main effects and the interaction of two axes.
-
-    The two ``crossed`` axes are fully crossed, with ``each`` rows in every cell. The levels of the
-    other axes maximise the determinant of the information matrix (D-optimality) by coordinate
-    exchange (Meyer & Nachtsheim 1995) from ``starts`` random tables. Then ``repeats`` rows of every
-    cell, chosen by the same criterion, come a second time.
-
-    Returns
-    -------
-    DataFrame
-        A column per axis, and ``replicate``, 0 or 1; the rows of each replicate in a random order.
-    """
-    rng = np.random.default_rng(seed)
-    space = pd.DataFrame(list(product(*axes.values())), columns=list(axes))
-    every_row = model_matrix(space, axes, [crossed])
-    shape = tuple(len(levels) for levels in axes.values())
-    best = np.zeros((0, len(axes)), dtype=np.intp)
-    best_value = -np.inf
-    for _ in range(starts):
-        levels, value = _exchange(
-            _random_levels(axes, crossed, each, rng), every_row, shape, _free(axes, crossed)
-        )
-        if value > best_value:
-            best = levels
-            best_value = value
-    chosen = np.array(np.ravel_multi_index(tuple(best.T), shape), dtype=np.intp)
-    first = chosen[rng.permutation(len(chosen))]
-    tables = [space.iloc[first].assign(replicate=0)]
-    if repeats > 0:
-        rows = _repeated_rows(every_row[chosen], each, repeats, starts, rng)
-        tables.append(space.iloc[chosen[rng.permutation(rows)]].assign(replicate=1))
-    return pd.concat(tables, ignore_index=True)
-
-
-def _free(axes: Axes, crossed: tuple[str, str]) -> list[int]:
-    """Return the numbers of the axes that are not crossed."""
-    return [number for number, axis in enumerate(axes) if axis not in crossed]
-
-
-def _random_levels(
-    axes: Axes, crossed: tuple[str, str], each: int, rng: np.random.Generator
-) -> NDArray[np.intp]:
-    """Draw numbers of levels (row, axis).
-
-    The cells of the crossed axes are in order; the levels of the others are drawn in equal numbers
-    in random order.
-    """
-    rows = each * len(axes[crossed[0]]) * len(axes[crossed[1]])
-    levels = np.zeros((rows, len(axes)), dtype=np.intp)
-    for number, axis in enumerate(axes):
-        count = len(axes[axis])
-        if axis == crossed[0]:
-            levels[:, number] = np.arange(rows) * count // rows
-        elif axis == crossed[1]:
-            levels[:, number] = np.arange(rows) // each % count
-        else:
-            levels[:, number] = rng.permutation(np.resize(np.arange(count), rows))
-    return levels
-
-
-def _exchange(
-    levels: NDArray[np.intp], every_row: FloatArray, shape: tuple[int, ...], free: Sequence[int]
-) -> tuple[NDArray[np.intp], float]:
-    """Change one level at a time to the best one until nothing improves.
-
-    Returns the levels and the log determinant.
-    """
-    matrix = every_row[np.ravel_multi_index(tuple(levels.T), shape)]
-    value = _log_determinant(matrix.T @ matrix)
-    improved = True
-    while improved:
-        improved = False
-        for row, axis in product(range(len(levels)), free):
-            candidates = np.tile(levels[row], (shape[axis], 1))
-            candidates[:, axis] = np.arange(shape[axis])
-            rows = every_row[np.ravel_multi_index(tuple(candidates.T), shape)]
-            without = matrix.T @ matrix - np.outer(matrix[row], matrix[row])
-            values = [
-                _log_determinant(without + np.outer(candidate, candidate)) for candidate in rows
-            ]
-            choice = int(np.argmax(values))
-            if values[choice] > value:
-                levels[row, axis] = choice
-                matrix[row] = rows[choice]
-                value = values[choice]
-                improved = True
-    return levels, value
-
-
-def _repeated_rows(
-    matrix: FloatArray, each: int, repeats: int, starts: int, rng: np.random.Generator
-) -> NDArray[np.intp]:
-    """Choose which rows of every cell are repeated, one exchange at a time.
-
-    The search starts from several random choices.
-    """
-    options = np.array(list(combinations(range(each), repeats)))
-    cells = len(matrix) // each
-    information = matrix.T @ matrix
-
-    def rows_of(choice: NDArray[np.intp]) -> NDArray[np.intp]:
-        return np.asarray((np.arange(cells)[:, None] * each + options[choice]).ravel())
-
-    def value_of(choice: NDArray[np.intp]) -> float:
-        again = matrix[rows_of(choice)]
-        return _log_determinant(information + again.T @ again)
-
-    best = np.zeros(cells, dtype=np.intp)
-    best_value = -np.inf
-    for _ in range(starts):
-        choice = rng.integers(len(options), size=cells)
-        value = value_of(choice)
-        improved = True
-        while improved:
-            improved = False
-            for cell, option in product(range(cells), range(len(options))):
-                tried = choice.copy()
-                tried[cell] = option
-                if value_of(tried) > value:
-                    choice = tried
-                    value = value_of(tried)
-                    improved = True
-        if value > best_value:
-            best = choice
-            best_value = value
-    return rows_of(best)
-
-
-def _log_determinant(information: FloatArray) -> float:
-    """Return the rounded log determinant of an information matrix; -inf if it is singular."""
-    sign, value = np.linalg.slogdet(information)
-    return round(float(value), _DIGITS) if sign > 0 else -np.inf
-
-
 def _level_numbers(table: pd.DataFrame, axis: str, levels: Sequence[Any]) -> NDArray[np.intp]:
     """Return the index of each row's level; refuse an unknown level."""
     number = {level: index for index, level in enumerate(levels)}
@@ -255,16 +116,6 @@ def _level_numbers(table: pd.DataFrame, axis: str, levels: Sequence[Any]) -> NDA
     if unknown:
         raise ValueError(f"{axis} must be one of {', '.join(map(str, levels))}, got {unknown[0]!r}")
     return np.array([number[value] for value in table[axis]], dtype=np.intp)
-
-
-def efficiency(matrix: FloatArray) -> float:
-    """Compute the D-efficiency of a model matrix (row, column).
-
-    It is 1 for an orthogonal table of as many rows, and 0 where effects alias.
-    """
-    rows, columns = matrix.shape
-    sign, value = np.linalg.slogdet(matrix.T @ matrix / rows)
-    return float(np.exp(value / columns)) if sign > 0 else 0.0
 
 
 def decidable(table: pd.DataFrame, axes: Axes, crossed: tuple[str, str]) -> pd.DataFrame:

@@ -1,11 +1,10 @@
-"""Worlds in which the papers' statements are judged again: a prepared lane with six axes varied."""
+"""Worlds in which mines are looked for: a prepared lane with six axes varied."""
 
 from __future__ import annotations
 
 import csv
 import tomllib
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -83,29 +82,12 @@ class World:
         tables["clutter"] = clutter | on_soil_of(self.contents) | self.roadside_density
         return tables
 
-    def site(self, folder: Path) -> str:
-        """Write the world as a site of scenes and return the path of the file."""
-        path = folder / f"{self.name}.toml"
-        write_site(path, self.tables())
-        return str(path)
-
-
-def worlds() -> list[World]:
-    """Return all worlds of the designed fraction, those that come a second time left out."""
-    return [world for world in design_worlds() if world.replicate == 0]
-
-
-@cache
-def _design_rows() -> list[dict[str, str]]:
-    """Return the rows of the declared design."""
-    text = (_FILES / "worlds.csv").read_text(encoding="utf-8")
-    return list(csv.DictReader(text.splitlines()))
-
 
 def design_worlds() -> list[World]:
     """Return all rows of the designed fraction as worlds, repeats too, in their order."""
+    text = (_FILES / "worlds.csv").read_text(encoding="utf-8")
     designed = []
-    for number, row in enumerate(_design_rows()):
+    for number, row in enumerate(csv.DictReader(text.splitlines())):
         levels: dict[str, Any] = {}
         for axis, values in AXES.items():
             levels[axis] = type(values[0])(row[axis])

@@ -16,10 +16,11 @@ from flgpr.results.result import Result, read_result
 from flgpr.scoring.lane_roc import roc
 from flgpr.simulate.scene.scene import Scene, load_scene
 from flgpr.simulate.simulator import simulate
+from flgpr.store.lane_file import read_lane
 from flgpr.store.run_store import open_run
 from flgpr.store.run_writer import save_run
 from flgpr.store.sample import sample_lane
-from flgpr.store.tables import read_lane, read_table
+from flgpr.store.tables import read_table
 
 __version__: str
 

@@ -1,14 +1,16 @@
-"""What operating systems do differently: locks, limits, folders as descriptors, interrupts.
+"""What operating systems do differently, or refuse: locks, limits, folders, interrupts, ports.
 
-All else in the package is the same everywhere, but for the sockets of ``live/sockets.py`` and
+All else in the package is the same everywhere, but for the Unix sockets of ``live/sockets.py`` and
 the memory limit in ``formats/child.py``, a script that imports nothing of flgpr. Linux is where it
 is tested; `tests/other_system.py` takes away what Windows lacks and forbids what it forbids.
 """
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
+import socket
 import sys
 import time
 from typing import BinaryIO
@@ -28,6 +30,7 @@ AT_ONCE = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
 """Flags of ``os.open``: never wait for a pipe or a device, and take no terminal."""
 PLAIN = getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
 """Flags of ``os.open``: bytes as they are, in no child process."""
+LARGEST_PORT = 65535
 _PAUSE = 0.02  # s between two tries to lock a file
 
 
@@ -119,3 +122,61 @@ def begin_worker() -> None:
     if "fork" in multiprocessing.get_all_start_methods():
         # Locks for children that are forked have no name. This process starts no others.
         multiprocessing.set_start_method("fork", force=True)
+
+
+def address_text(host: str, port: int) -> str:
+    """Return a host and a port as they are typed."""
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
+def listening_socket(host: str, port: int, backlog: int, parameter: str) -> socket.socket:
+    """Return a socket that listens on an address of this machine.
+
+    Parameters
+    ----------
+    host : str
+        Address or name of this machine.
+    port : int
+        The port; 0 takes a free one.
+    backlog : int
+        Connections that may wait.
+    parameter : str
+        What names the address where it was asked for.
+
+    Raises
+    ------
+    ValueError
+        If the address cannot be listened on; the error says why.
+    """
+    if not 0 <= port <= LARGEST_PORT:
+        raise ValueError(f"port must be 0 to {LARGEST_PORT}, got {port}; port 0 takes a free one")
+    try:
+        listener = socket.socket(
+            socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM
+        )
+        try:
+            # A port of a run that ended a moment ago may be used at once.
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listener.bind((host, port))
+            listener.listen(backlog)
+        except OSError:
+            listener.close()
+            raise
+    except OSError as error:
+        raise ValueError(
+            f"{parameter} must be an address that can be listened on, "
+            f"got {address_text(host, port)}: {_refusal(error)}"
+        ) from None
+    return listener
+
+
+def _refusal(error: OSError) -> str:
+    """Return why an address cannot be listened on."""
+    if isinstance(error, socket.gaierror):
+        return "this machine has no such address"
+    reasons = {
+        errno.EADDRNOTAVAIL: "this machine has no such address",
+        errno.EADDRINUSE: "another program listens on it; port 0 takes a free one",
+        errno.EACCES: "this user may listen on ports from 1024 on",
+    }
+    return reasons.get(error.errno or 0, error.strerror or "the system refuses it")

@@ -22,7 +22,7 @@ from flgpr_ground.card import CARD, RECORD, Card, entered_card, parse_card
 from flgpr_ground.citing import is_packaged
 from flgpr_ground.entries import ORACLES
 from flgpr_ground.ground import Ground, scores_at
-from flgpr_ground.running import SEALED, common_ground
+from flgpr_ground.lanes import SEALED, common_ground
 from flgpr_trials.ledger import read_register
 
 SCORES = "scores.csv"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -33,27 +33,19 @@ WANG2007 = """\
 """BibTeX of the paper whose C_HH is the reference of the packaged grounds."""
 
 
-@dataclass(frozen=True)
-class Licence:
+class Licence(NamedTuple):
     """A licence."""
 
     name: str  #: identifier of SPDX
-    url: str  #: where SPDX shows it, or its own page
     covers: str  #: what is under it
 
 
 DATA_LICENCE = Licence(
     "CC-BY-4.0",
-    "https://creativecommons.org/licenses/by/4.0/",
     "the lanes that the packaged descriptions give, their truth, and scores and tables made of "
     "them",
 )
 """Of what the packaged grounds give; as the licence of the software it asks for the names."""
-SOFTWARE_LICENCE = Licence(
-    "BSD-3-Clause",
-    "https://spdx.org/licenses/BSD-3-Clause.html",
-    "the software, the descriptions and the full-wave lanes, which are files of the package",
-)
 
 
 def is_packaged(ground: Ground) -> bool:
@@ -63,13 +55,6 @@ def is_packaged(ground: Ground) -> bool:
     """
     name = ground.title.removesuffix("-quick")
     return name in GROUNDS and load_ground(ground.quick, name).table == ground.table
-
-
-def licences(ground: Ground) -> list[Licence]:
-    """Return the licences of the data of a packaged ground; none for one of somebody else."""
-    if not is_packaged(ground):
-        return []
-    return [DATA_LICENCE, SOFTWARE_LICENCE] if ground.stored_lane_count else [DATA_LICENCE]
 
 
 def cite_ground(ground: Ground) -> str:

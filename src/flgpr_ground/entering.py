@@ -27,18 +27,9 @@ from flgpr.toml_text import toml_value
 from flgpr_ground.card import CARD, RECORD, entered_card, parse_card
 from flgpr_ground.entries import Entry
 from flgpr_ground.ground import Ground, in_tier
+from flgpr_ground.lanes import PRINTS, begin_folder, read_ground, seal_tested
 from flgpr_ground.leaderboard import refuse_other_page, write_leaderboard
-from flgpr_ground.running import (
-    ABOUT,
-    ALARMS,
-    PRINTS,
-    begin_folder,
-    entry_folder,
-    measured_cost,
-    read_ground,
-    seal_tested,
-    write_about,
-)
+from flgpr_ground.running import ABOUT, ALARMS, entry_folder, measured_cost, write_about
 from flgpr_ground.submission import Submission, check_submission
 from flgpr_ground.table import write_score_tables
 from flgpr_trials.ledger import alarm_hash

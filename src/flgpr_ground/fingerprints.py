@@ -12,7 +12,7 @@ from flgpr.door import Folder
 from flgpr.store.files import existing
 from flgpr.store.tables import parse_columns, parse_csv
 from flgpr_ground.ground import Ground, packaged_text
-from flgpr_ground.running import PRINTS
+from flgpr_ground.lanes import PRINTS
 
 
 def same_lanes(ground: Ground, folder: Path) -> dict[str, str]:

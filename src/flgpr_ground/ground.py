@@ -33,7 +33,7 @@ from flgpr.store import (
     write_whole,
 )
 from flgpr.store.files import existing
-from flgpr.store.tables import lane_file_of
+from flgpr.store.lane_file import lane_file_of
 from flgpr.toml_text import parse_toml
 
 GROUNDS = ("proving-ground-2", "proving-ground-1", "full-wave-2", "full-wave-1")

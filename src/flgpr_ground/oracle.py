@@ -24,7 +24,7 @@ from flgpr.simulate import Simulator
 from flgpr.store import open_run, write_whole
 from flgpr.types import AnyArray, ArrayLike, Complex128Array, ComplexArray, FloatArray, IntArray
 from flgpr_ground.ground import Ground, GroundLane, load_ground
-from flgpr_ground.running import SEALED, passphrase, read_ground
+from flgpr_ground.lanes import SEALED, passphrase, read_ground
 from flgpr_trials.blind import open_truth
 
 ORACLE = "oracle.csv"

@@ -35,7 +35,8 @@ from flgpr_ground.entries import packaged_entries
 from flgpr_ground.figures import kind_label
 from flgpr_ground.ground import Ground, opening_split
 from flgpr_ground.lane_data import lane_data
-from flgpr_ground.running import ALARMS, SEALED, entry_folder, passphrase, read_ground
+from flgpr_ground.lanes import SEALED, passphrase, read_ground
+from flgpr_ground.running import ALARMS, entry_folder
 from flgpr_ground.table import chosen_mines, paired_sentence, score_entries, write_page
 from flgpr_trials.blind import open_truth
 

@@ -41,16 +41,9 @@ from flgpr_ground.ground import (
     opening_split,
     scores_at,
 )
+from flgpr_ground.lanes import SEALED, common_ground, passphrase
 from flgpr_ground.oracle import oracle_file
-from flgpr_ground.running import (
-    ABOUT,
-    ALARMS,
-    SEALED,
-    common_ground,
-    entry_folder,
-    measured_cost,
-    passphrase,
-)
+from flgpr_ground.running import ABOUT, ALARMS, entry_folder, measured_cost
 from flgpr_trials.blind import match_blind
 from flgpr_trials.ledger import alarm_hash
 

@@ -1,8 +1,7 @@
-"""The map of worlds in parts: what it writes, how statements are judged in regions, and that stopped runs resume."""
+"""The map of worlds in parts: what it writes, and that stopped runs resume."""
 
 import json
 import math
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -11,27 +10,17 @@ import pytest
 from scipy.special import expit
 from scipy.stats import t as student
 
-import flgpr_papers
 from flgpr.jobs.workers import InProcess
 from flgpr.scoring import clopper_pearson
-from flgpr_papers.kit.findings import AGREES, DISAGREES, UNDECIDED, Finding, row_of
 from flgpr_papers.kit.mines import mix_counts
 from worlds import __main__ as script
-from worlds import ablation, detection, geometry, statements
+from worlds import ablation, detection, geometry
 from worlds.lanes import lane_table, read_targets
-from worlds.space import AXES, worlds
-from worlds.studies import FINDINGS_IN
+from worlds.space import AXES
 
 ROOT = Path(__file__).parents[2]
 
 pytestmark = pytest.mark.slow("studies of papers")
-
-
-def larger(*values, rule=(0.0, math.inf), claim="A beats B"):
-    parts = values if len(values) > 1 else ()
-    return Finding(
-        claim, "", "", UNDECIDED, interval=(min(values), -9.0, 9.0), rule=rule, parts=parts
-    )
 
 
 def write_lane(job, folder, rng):
@@ -71,33 +60,6 @@ def write_lane(job, folder, rng):
     path.write_text(json.dumps(record))
 
 
-def write_study(paper, world, folder, rng):
-    """Write a record as a study does: A beats B where the soil is dry, C nowhere; one world's lanes are too small."""
-    gap = rng.normal(0.5 if world.permittivity < 5 else -0.5, 0.1)
-    corner = 3.0 if (world.loss, world.roadside) == ("low", "none") else -0.5
-    findings = [
-        larger(gap),
-        larger(rng.normal(-1, 0.1), claim="C"),
-        larger(rng.normal(0, 1), claim="D"),
-    ]
-    findings.append(larger(rng.normal(corner, 0.1), claim="E"))
-    pd_of_soil = (
-        1 / world.permittivity
-        + rng.normal(0, 1e-3)
-        - 0.01 * (world.loss == "mironov")
-        - 0.02 * world.roughness
-    )
-    findings.append(Finding("Pd of the detector", "", "", "open", interval=(pd_of_soil, -9.0, 9.0)))
-    failed = paper == "fuse2018" and world.number == 3
-    record = {
-        "failed": "lane too short" * failed,
-        "findings": [] if failed else list(map(row_of, findings)),
-    }
-    path = statements.path_of(folder, paper, world)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps({"world": asdict(world), **record, "seconds": 1.0}))
-
-
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """All parts of the full form, with records made up."""
@@ -106,8 +68,6 @@ def made(tmp_path_factory):
     for part in (detection, ablation, geometry):
         for job in part.jobs():
             write_lane(job, folder, rng)
-    for paper, world in statements.studies():
-        write_study(paper, world, folder, rng)
     script.main([str(folder)])
     return folder
 
@@ -115,6 +75,8 @@ def made(tmp_path_factory):
 @pytest.mark.slow("runs a quick form of the whole study")
 def test_the_script_makes_all_tables_and_figures_of_the_docs(made):
     for path in (ROOT / "docs" / "evidence" / "worlds").iterdir():
+        if path.name.startswith("statements"):  # judged once, by rules that are others now
+            continue
         own = made / path.name
         assert own.stat().st_size > (2_000 if path.suffix == ".png" else 50), path.name
         if path.suffix == ".csv":
@@ -186,35 +148,6 @@ def test_geometries_are_averaged_over_lanes(made):
 
 
 @pytest.mark.slow("runs a quick form of the whole study")
-def test_the_map_tells_where_a_statement_holds(made):
-    folder = made
-    table = pd.read_csv(folder / "statements.csv")
-    holds = table.groupby(["paper", "statement"])["holds"].first()
-    for paper in flgpr_papers.PAPERS:
-        assert holds[paper]["A beats B"] == "somewhere"
-        assert holds[paper]["C"] == "nowhere"
-        assert holds[paper]["D"] == "undecided"
-        if paper != statements.TWO_SITES:
-            assert holds[paper]["E"] == "in a corner"
-    assert set(table[table["statement"] == "E"]["corners"].dropna()) >= {"loss low, roadside none"}
-    dry = table[(table["paper"] == "wang2007") & (table["statement"] == "A beats B")].set_index(
-        "region"
-    )
-    assert dry.loc["permittivity 3.0", "verdict"] == AGREES
-    assert dry.loc["permittivity 9.0", "verdict"] == DISAGREES
-    assert (dry.loc["all", "worlds"], dry.loc["permittivity 3.0", "worlds"]) == (48, 12)
-    fuse = table[(table["paper"] == "fuse2018") & (table["region"] == "all")]
-    assert fuse["worlds"].max() == 47
-    soils = holds["cosgrove2004"]
-    assert {soils[claim] for claim, *_ in statements.SOILS} == {"everywhere"}
-    assert not any(
-        name.startswith("loss") for name in table[table["paper"] == statements.TWO_SITES]["region"]
-    )
-    short = pd.read_csv(folder / "statements-wang2007.csv").set_index("statement")
-    assert short.loc["A beats B", "permittivity: 3.0, 4.5, 6.0, 9.0"] == "✓ ✓ ✗ ✗"
-
-
-@pytest.mark.slow("runs a quick form of the whole study")
 def test_figures_come_from_the_tables_alone(made, tmp_path):
     folder = made
     for path in folder.glob("ablation*.csv"):
@@ -226,20 +159,8 @@ def test_figures_come_from_the_tables_alone(made, tmp_path):
 
 @pytest.mark.slow("runs a quick form of the whole study")
 def test_what_is_there_is_not_run_again(made, monkeypatch):
-    folder = made
-    paper, world = statements.studies()[0]
-    path = statements.path_of(folder, paper, world)
-    record = path.read_bytes()
-    path.unlink()
-    done = []
-    monkeypatch.setattr(
-        statements, "judge_in_world", lambda *job: done.append((job[0], job[1]["number"]))
-    )
     monkeypatch.setattr("worlds.lanes.run_job", lambda *_: pytest.fail("a lane is run again"))
-    statements.run(folder, InProcess())
-    script.run_part(folder, "detection", InProcess())
-    assert done == [(paper, world.number)]
-    path.write_bytes(record)
+    script.run_part(made, "detection", InProcess())
 
 
 def test_a_stopped_part_shows_what_is_there(tmp_path):
@@ -257,37 +178,9 @@ def test_a_stopped_part_shows_what_is_there(tmp_path):
     assert detection.effects(few).empty
 
 
-def test_lanes_too_small_for_a_study_are_told(tmp_path, monkeypatch):
-    def too_small(world, folder):
-        folder.mkdir(parents=True)
-        raise ValueError(f"lane of {world.name} must hold a mine")
-
-    monkeypatch.setitem(FINDINGS_IN, "cosgrove2004", too_small)
-    world = worlds()[5]
-    statements.judge_in_world("cosgrove2004", asdict(world), str(tmp_path))
-    record = json.loads(statements.path_of(tmp_path, "cosgrove2004", world).read_text())
-    assert record["failed"] == f"lane of {world.name} must hold a mine"
-    assert not list((tmp_path / "work").iterdir())
-    statements.write_tables(tmp_path)
-    counts = pd.read_csv(tmp_path / "statements-counts.csv").set_index("paper")
-    assert counts.loc["cosgrove2004"].tolist() == [1, 48, 1]
-
-
-@pytest.mark.slow("judges in many worlds")
-def test_what_is_left_of_the_statements_is_judged(tmp_path, monkeypatch):
-    for paper in flgpr_papers.PAPERS:
-        monkeypatch.setitem(FINDINGS_IN, paper, lambda world, _: [larger(world.permittivity)])
-    script.main([str(tmp_path), "--part", "statements"])
-    asked = [statements.path_of(tmp_path, *study) for study in statements.studies()]
-    assert all(json.loads(path.read_text())["findings"] for path in asked)
-    assert (tmp_path / "statements.csv").is_file()
-
-
 def test_what_cannot_be_run_is_refused(tmp_path, capsys):
     with pytest.raises(SystemExit) as ended:
         script.main([str(tmp_path / "x"), "--part", "depth"])
     assert ended.value.code == 2
-    assert (
-        "choose from 'detection', 'ablation', 'geometry', 'statements'" in capsys.readouterr().err
-    )
+    assert "choose from 'detection', 'ablation', 'geometry', 'figures'" in capsys.readouterr().err
     assert not (tmp_path / "x").exists()

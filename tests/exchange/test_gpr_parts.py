@@ -3,17 +3,19 @@
 import numpy as np
 import pytest
 
-from flgpr_exchange.gpr.parts import (
+from flgpr_exchange.gpr.along_line import (
     DAY,
-    Header,
-    MissingHeaderError,
     equal_steps,
-    exact_floats,
     gather_of_separations,
-    is_header_line,
-    length_unit,
     measured_clock,
     measured_distance,
+)
+from flgpr_exchange.gpr.parts import (
+    Header,
+    MissingHeaderError,
+    exact_floats,
+    is_header_line,
+    length_unit,
     numbers_in,
     read_header,
     read_records,

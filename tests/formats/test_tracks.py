@@ -10,7 +10,7 @@ from flgpr.formats.tracks import read_nmea, read_survey, read_track
 from flgpr.geo.anchor import fit_anchor
 from flgpr.model import vehicle_to_lane
 from flgpr.model.track import make_track
-from flgpr.store.tables import write_table
+from flgpr.store.writing import write_table
 from io_geodesy import AZIMUTH, LANE, on_the_ellipsoid
 
 

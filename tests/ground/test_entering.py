@@ -7,7 +7,7 @@ import pytest
 
 from flgpr.proving_ground import enter_submissions, load_ground, write_leaderboard
 from flgpr.store.outputs import BusyError, locked_folder
-from flgpr_ground.running import SEALED
+from flgpr_ground.lanes import SEALED
 from grounds import looks
 from robust import digests
 from submitted import CARD, write_ground, write_submission

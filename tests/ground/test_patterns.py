@@ -19,7 +19,8 @@ from flgpr.method.sections import Section, lane_threshold
 from flgpr.model import Lane
 from flgpr.recipe.schema import load_recipe, parse_recipe
 from flgpr.screen.views import grid_of
-from flgpr.stages import TrainingView, find_stage
+from flgpr.stages import TrainingView
+from flgpr.stages.named import find_stage
 from flgpr.stages.too_few import TooFewExamplesError
 from flgpr.store import save_run
 from flgpr_ground.entries import packaged_entries

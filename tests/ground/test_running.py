@@ -26,7 +26,8 @@ from flgpr.store import read_manifest, read_table, sample_lane
 from flgpr.trials import open_truth
 from flgpr_ground import oracle
 from flgpr_ground.fingerprints import same_lanes
-from flgpr_ground.running import ALARMS, PRINTS, SEALED, passphrase
+from flgpr_ground.lanes import PRINTS, SEALED, passphrase
+from flgpr_ground.running import ALARMS
 from flgpr_ground.table import pd_in_words
 from grounds import SMALL, looks, write_runnable_ground
 from robust import digests

@@ -101,18 +101,3 @@ def test_the_leaderboard_is_written_to_the_first_folder(monkeypatch):
         ([Path("a"), Path("b")], str(Path("a/leaderboard.html"))),
         ([Path("a")], "c.html"),
     ]
-
-
-def test_what_croissant_requires_and_nobody_knows_is_said(home):
-    made = home / "croissant.json"
-    done = call("croissant", "--ground", home / "ground.toml", "-o", made)
-    assert done.exit_code == 0, done.output
-    assert done.stdout.splitlines() == [
-        f"wrote {made}",
-        "left out, though Croissant requires it: license, url, creator, datePublished",
-    ]
-    words = ["--ground", home / "ground.toml", "--url", "https://example.org/data"]
-    done = call("croissant", *words, "--licence", "https://example.org/by", "-o", home / "b.json")
-    described = json.loads((home / "b.json").read_text("utf-8"))
-    assert described["url"] == "https://example.org/data"
-    assert described["license"] == "https://example.org/by"

@@ -21,7 +21,8 @@ from flgpr.proving_ground import (
 from flgpr.simulate import draw_world
 from flgpr.trials import open_truth, read_register
 from flgpr_ground.figures import tiers_figure
-from flgpr_ground.running import ALARMS, PRINTS, SEALED, passphrase
+from flgpr_ground.lanes import PRINTS, SEALED, passphrase
+from flgpr_ground.running import ALARMS
 from grounds import TIERED, write_runnable_ground
 from robust import digests
 from systems.lanes import small_recipe

@@ -18,7 +18,7 @@ from flgpr.model import Lane
 from flgpr.recipe.schema import lane_of, parse_recipe
 from flgpr.results.result import read_result
 from flgpr.store import open_run, save_run
-from flgpr.store.tables import lane_file_of
+from flgpr.store.lane_file import lane_file_of
 from small_lane import LANE, LANE_TOML, small_recipe, small_run
 
 OWN_LANE = "\n[lane]\nx_min = -0.7\nx_max = 0.7\ny_min = 3.0\ny_max = 9.0\n"

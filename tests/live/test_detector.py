@@ -353,7 +353,7 @@ class Quiet(ClutterStage):
 def test_a_stage_that_cannot_be_causal_is_refused_with_its_reason(
     run, monkeypatch, kind, stage, table, reason
 ):
-    monkeypatch.setattr("flgpr.stages.find_stage", lambda *_: stage)
+    monkeypatch.setattr("flgpr.stages.named.find_stage", lambda *_: stage)
     recipe = parse_recipe(small_recipe() + f'\n[[{table}]]\nstage = "own"\n')
     with pytest.raises(ValueError, match=f"cannot run live: {reason}"):
         start(run, recipe)

@@ -23,7 +23,6 @@ from flgpr_papers.fuse2018.findings import (
     power_db,
     strongest_boxes,
 )
-from flgpr_papers.fuse2018.fullwave import fullwave_study
 from flgpr_papers.fuse2018.lanes import (
     Frames,
     band_sensor,
@@ -34,7 +33,6 @@ from flgpr_papers.fuse2018.lanes import (
     trained,
 )
 from flgpr_papers.fuse2018.matches import frame_match, lane_match, scored
-from flgpr_papers.fuse2018.poses import pose_study
 from flgpr_papers.fuse2018.process import calibrate, process_lane
 from flgpr_papers.fuse2018.records import example_arrays
 from flgpr_papers.fuse2018.suppression import VARIANTS, clean, stage_forms, suppressed_alone
@@ -183,8 +181,7 @@ def test_the_self_signature_goes_whatever_its_gain():
 def test_an_aperture_is_the_coherent_sum_of_its_frames():
     stage = make_frames("A", 2, 3).stage
     one = stage.aperture(2)
-    assert len(one.data) == len(one.looks) == 2
-    np.testing.assert_allclose(one.looks.sum(axis=0), one.vv, rtol=1e-5)
+    assert len(one.data) == 2
     np.testing.assert_allclose(
         one.stack_on(stage.points).adjoint(one.data)[0, 0], one.vv, atol=1e-3
     )
@@ -356,24 +353,8 @@ def test_loosened_poses_are_wrong_alike_in_both_bands():
     assert not shift[:, 3:].any()
 
 
-@pytest.fixture(scope="module")
-def fullwave():
-    return fullwave_study(quick=True)
-
-
 @pytest.mark.slow("runs a quick form of the whole study")
-def test_the_full_wave_post_falls(fullwave):
-    table = fullwave.table.set_index(["roadside", "method", "object"])
-    assert len(table) == 2 * 4 * 5
-    for rule in ("scaled with the image", "beside the lane"):
-        assert table.loc[(rule, "none", "post"), "VV"] == 0
-        for method in ("iteration", "per frame", "least squares"):
-            assert table.loc[(rule, method, "post"), "HH"] < -6
-            assert table.loc[(rule, method, "post"), "VV"] < -6
-
-
-@pytest.mark.slow("runs a quick form of the whole study")
-def test_the_page_tells_all(lanes, calibration, fullwave, tmp_path, monkeypatch):
+def test_the_page_tells_all(lanes, calibration, tmp_path, monkeypatch):
     results = both(lanes)
     loose = results[0]
     found = all_findings(results, loose, RECIPE)
@@ -384,8 +365,6 @@ def test_the_page_tells_all(lanes, calibration, fullwave, tmp_path, monkeypatch)
         "fuse_recipe": RECIPE,
         "stored_calibration": calibration,
         "read_arrays": lanes["A"][2],
-        "pose_study": pose_study(RECIPE, draws=2),
-        "fullwave_study": fullwave,
     }
     for name, value in made_up.items():
         monkeypatch.setattr(fuse2018, name, lambda *_, value=value, **__: value)
@@ -393,7 +372,7 @@ def test_the_page_tells_all(lanes, calibration, fullwave, tmp_path, monkeypatch)
     html = fuse2018.STUDY.reproduce(tmp_path, quick=True).read_text("utf-8")
     assert "<code>prepared-sand</code>" in html
     assert "on roads as found" not in html
-    assert html.count("data:image/png;base64,") == 14
+    assert html.count("data:image/png;base64,") == 12
     assert all(f"Fig. {number}. " in html for number in range(1, 10))
     assert all(one.paper.strip() for one in found)
     assert "Quick run" in html

@@ -4,11 +4,9 @@ import pytest
 
 from flgpr.model import check_tones
 from flgpr.recipe.schema import parse_recipe
-from flgpr.store import open_run, sample_lane
 from flgpr_papers.cosgrove2004.images import study_sensor
 from flgpr_papers.cosgrove2004.recipe import study_recipe
 from flgpr_papers.flsar2004 import lanes as flsar
-from flgpr_papers.fuse2018 import fullwave
 from flgpr_papers.fuse2018 import lanes as fuse
 from flgpr_papers.kit.settings import packaged_text
 from flgpr_papers.wang2007 import study as wang
@@ -48,13 +46,6 @@ def test_fuse2018(quick, band):
     far = recipe.model_copy(update={"image": recipe.image.model_copy(update={"y": (5.0, 45.0)})})
     with pytest.raises(ValueError, match=TOO_WIDE):
         fuse.band_sensor(far, band)
-
-
-def test_fuse2018_on_the_full_wave_lane():
-    run = open_run(sample_lane() / "run.zarr")
-    fullwave._sensor(run)
-    with pytest.raises(ValueError, match=TOO_WIDE):
-        fullwave._sensor(run.isel(frequency=slice(None, None, 4)))
 
 
 def test_wang2007(tmp_path):

@@ -4,14 +4,11 @@ import re
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
-import xarray as xr
 
-from flgpr.features import FEATURES, POLARIMETRIC
+from flgpr.features import FEATURES
 from flgpr.imaging import ScanImager
 from flgpr.method.classifier import CLASSIFIER_A
-from flgpr.model import Lane
 from flgpr.progress import silent
 from flgpr.recipe.schema import load_recipe, parse_recipe
 from flgpr.scoring import pd_mean, roc_of
@@ -32,76 +29,16 @@ from flgpr_papers.wang2007 import lanes, study
 from flgpr_papers.wang2007.analysis import (
     MINES,
     SIMULANTS,
-    SUBBANDS,
-    LaneResult,
     Pool,
     matched,
     table_one,
 )
-from flgpr_papers.wang2007.costs import Lanes, cost_table
 from flgpr_papers.wang2007.examples import series_scans
 from flgpr_papers.wang2007.findings import all_findings, blind_scores
 from flgpr_papers.wang2007.study import likeness
+from wang2007_lane import BANDS, fake_lane
 
 pytestmark = pytest.mark.slow("studies of papers")
-
-BANDS = ("F0", *SUBBANDS)
-
-
-def fake_lane(name, seed):
-    rng = np.random.default_rng(seed)
-    lane = Lane(-1.5, 1.5, 0.0, 60.0)
-    kinds = [
-        "metal",
-        "metal",
-        "metal",
-        "plastic",
-        "plastic",
-        "plastic",
-        "plastic",
-        "simulant",
-        "simulant",
-    ]
-    truth = pd.DataFrame(
-        {
-            "target_id": [f"T{i}" for i in range(9)],
-            "x": rng.uniform(-1, 1, 9),
-            "y": 3 + 6.3 * np.arange(9),
-            "kind": kinds,
-            "depth": [-0.15, 0.05, 0.1, -0.15, 0.05, 0.05, 0.1, 0.05, 0.1],
-        }
-    )
-    x = np.arange(-3, 3.01, 0.1)
-    y = np.arange(0, 60.01, 0.1)
-    values = rng.rayleigh(size=(3, 5, y.size, x.size)).astype(np.float32)
-    for tx, ty in truth[["x", "y"]].to_numpy()[:7]:
-        values[..., round(ty / 0.1), round((tx + 3) / 0.1)] += 3
-    coords = {"polarization": ["HH", "VV", "HV"], "subband": list(BANDS), "y": y, "x": x}
-    view = xr.DataArray(values, dims=("polarization", "subband", "y", "x"), coords=coords)
-    near = truth[["x", "y"]].to_numpy() + rng.normal(0, 0.2, (9, 2))
-    places = np.vstack([near, np.column_stack([rng.uniform(-3, 3, 120), rng.uniform(0, 60, 120)])])
-    mine = np.arange(len(places)) < 7
-    columns = [f"{p}{f}_{b}" for p in ("", "swapped.") for b in BANDS for f in FEATURES]
-    columns += [f"shared.{f}_{b}" for b in BANDS for f in POLARIMETRIC]
-    columns += [f"{gain}.P_psi_{b}" for gain in ("circular", "shared.linear") for b in BANDS]
-    table = rng.gamma(2, size=(len(places), len(columns))) + 1.5 * mine[:, None] * rng.random(
-        len(columns)
-    )
-    features = pd.DataFrame(table, columns=columns).assign(scans=3)
-    features["C_HH_F1"] += 3 * mine
-    features.loc[20, "P_H_F1"] = np.nan
-    alarms = pd.DataFrame(places, columns=["x", "y"]).assign(
-        magnitude=rng.gamma(3, size=len(places)) + mine
-    )
-    return LaneResult(
-        name,
-        lane,
-        truth,
-        alarms.assign(confidence=features["C_HH_F1"]),
-        features,
-        view,
-        dict.fromkeys(("wide", "largest", "mean"), view[0, 1]),
-    )
 
 
 @pytest.fixture(scope="module")
@@ -284,9 +221,7 @@ def test_the_page_holds_every_table_figure_and_finding(tmp_path, results, pool, 
     has_mine = blind.truth["kind"] != "simulant"
     blind = replace(blind, truth=blind.truth[has_mine].reset_index(drop=True))
     made_up = {one.name: one for one in (*results, blind)}
-    for part in ("make_part", "coarse_part"):
-        monkeypatch.setattr(study, part, lambda _, name, *rest: made_up[name])
-    monkeypatch.setattr(study, "cost_table", lambda one, other, _: cost_table(one, other, 5))
+    monkeypatch.setattr(study, "make_part", lambda _, name, *rest: made_up[name])
     as_found = tmp_path / "as-found"
     as_found.mkdir()
     (as_found / "wang2007.html").write_text("")
@@ -298,7 +233,6 @@ def test_the_page_holds_every_table_figure_and_finding(tmp_path, results, pool, 
     assert "<code>prepared-earth</code>" in page
     assert page.count("<td>no</td>") == 1  # no verdicts in a quick run
     assert page.count("<td>not asked</td>") == len(judged)  # and that of the mean look is asked
-    assert "Cost of each difference" in page
     assert page.count("<img src=") == 14
     assert all(f"Table {number}." in page for number in ("I", "II", "III", "IV"))
     assert page.count(f"<b>{NO_VERDICT}</b>") == len(judged) >= 25
@@ -344,38 +278,6 @@ def test_blind_lanes_are_scored_by_a_classifier_trained_elsewhere(results):
     a = roc_of(blind_scores(results, blind)["A"], MINES)
     np.testing.assert_allclose(a["pd"], roc_of(plain, MINES)["pd"])  # one feature: monotone
     np.testing.assert_allclose(a["far"], roc_of(plain, MINES)["far"])
-
-
-@pytest.mark.slow("runs a quick form of the whole study")
-def test_the_costs_of_what_nobody_reads_are_zero(results):
-    blind = [fake_lane("b1", 5)]
-    lanes_of = Lanes(results, blind)
-    table = cost_table(lanes_of, lanes_of, 20).set_index(["difference", "detector", "lanes"])
-    assert len(table) == 5 * 4 * 2
-    untouched = {
-        "background.median_step": (
-            "C_HH",
-            "A",
-            "B",
-            "all ten",
-        ),  # the very same lanes stand for the coarse ones
-        "features.gain": ("C_HH", "A"),
-        "features.psi": ("C_HH", "A", "B"),
-    }
-    for entry, names in untouched.items():
-        for detector in names:
-            for where in ("calibration", "blind"):
-                assert table.loc[(entry, detector, where), ["cost", "low", "high"]].tolist() == [
-                    0,
-                    0,
-                    0,
-                ]
-    assert table.loc[("features.gain", "B", "calibration"), "cost"] != 0
-    assert table.loc[("features.psi", "all ten", "calibration"), "cost"] != 0
-    both = table.loc[("score.area", "C_HH", "blind")]
-    assert both["cost"] == pytest.approx(both["pd_mean"] - both["pd_mean_changed"])
-    assert table["targets"].xs("calibration", level="lanes").eq(21).all()
-    assert table["targets"].xs("blind", level="lanes").eq(7).all()
 
 
 def test_the_study_takes_the_packaged_recipe_and_the_other_readings_beside_it():

@@ -11,7 +11,7 @@ from flgpr.results.sections import (
     sections_at,
     write_sections,
 )
-from flgpr.store.tables import lane_text
+from flgpr.store.lane_file import lane_text
 from small_results import LANE, small_result
 
 NAMES = ("section-1", "section-2")

@@ -24,7 +24,8 @@ from flgpr.store.scan_file import RUN_FILE, RunDescription, read_description, wr
 from flgpr.viewer.scores import ScoreFiles
 from flgpr.viewer.session import ResultFiles, open_source
 from flgpr_exchange.gprmax import deck_results as gprmax_decks
-from flgpr_ground.running import read_costs, read_ground
+from flgpr_ground.lanes import read_ground
+from flgpr_ground.running import read_costs
 from scored import find_entrant
 from small_results import small_result
 
@@ -130,7 +131,7 @@ def read_manifest_only(folder):
 
 def read_ground_mark(folder):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("flgpr_ground.running.load_ground", lambda quick, source: quick)
+        patch.setattr("flgpr_ground.lanes.load_ground", lambda quick, source: quick)
         return read_ground(folder)
 
 

@@ -24,7 +24,7 @@ from flgpr.model.printable import for_terminal
 from flgpr.report import figure_png
 from flgpr.simulate import load_scene
 from flgpr.store.notes import log_note
-from flgpr.store.tables import csv_text
+from flgpr.store.writing import csv_text
 from flgpr.trials import figure_bytes
 from flgpr_exchange.maps.points import write_gpx, write_kml
 from flgpr_exchange.maps.qgis import project

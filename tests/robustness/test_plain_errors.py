@@ -70,7 +70,6 @@ READ = (
     "benchmark run --ground {bad} -o {out}/a",
     "benchmark list --ground {bad}",
     "benchmark make --ground {bad} -o {out}/a",
-    "benchmark croissant --ground {bad} -o {out}/a",
     "benchmark validate {in}/submission --ground {bad}",
     "benchmark enter {in}/submission --ground {bad} -o {out}/a",
 )

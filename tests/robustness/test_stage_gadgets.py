@@ -14,7 +14,8 @@ from flgpr.commands.app import app
 from flgpr.method.model import Model, save_model
 from flgpr.model import Grid
 from flgpr.recipe.schema import recipe_text
-from flgpr.stages import PACKAGED, Named, Stage, Table, find_stage, make_stage, stage_names
+from flgpr.stages import Stage, Table
+from flgpr.stages.named import PACKAGED, Named, find_stage, make_stage, stage_names
 from flgpr.store import sample_lane
 
 SETUP = SimpleNamespace(

@@ -3,15 +3,8 @@
 import numpy as np
 import pytest
 
-from flgpr.stages import (
-    ClutterStage,
-    MapStage,
-    Named,
-    Stage,
-    Table,
-    make_clutter_stages,
-    make_stages,
-)
+from flgpr.stages import ClutterStage, MapStage, Stage, Table
+from flgpr.stages.named import Named, make_clutter_stages, make_stages
 
 
 class Halving(ClutterStage):

@@ -13,8 +13,9 @@ from flgpr.method.classifier import TrainingSet, train
 from flgpr.method.estimators import train_estimator
 from flgpr.model import Lane
 from flgpr.recipe.tables import DetectorTable
-from flgpr.stages import TrainingView, find_stage
+from flgpr.stages import TrainingView
 from flgpr.stages.clusters import subset
+from flgpr.stages.named import find_stage
 from flgpr.stages.too_few import TooFewExamplesError, count_in_views
 
 RIVAL = needs("flgpr_ground")

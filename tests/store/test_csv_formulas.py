@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from damage import FUZZ
 from flgpr.geo import write_earth_csv
 from flgpr.store import read_table, write_table
-from flgpr.store.tables import csv_text, parse_columns
+from flgpr.store.tables import parse_columns
 from flgpr.store.text_tables import read_text_table
+from flgpr.store.writing import csv_text
 
 RUN_BY_SPREADSHEETS = [
     "=1+1",

@@ -10,13 +10,13 @@ from flgpr.model import Lane
 from flgpr.store import lane_text, read_lane, read_table, write_geojson, write_table
 from flgpr.store.dialects import TableReading
 from flgpr.store.tables import (
-    json_value,
     parse_columns,
     parse_own_table,
     parse_table,
     read_table_in,
     split_alarm_rows,
 )
+from flgpr.store.writing import json_value
 
 ALARMS = pd.DataFrame(
     {"alarm_id": ["007", "=b"], "x": [0.1, -1 / 3], "y": [2.0, 1e-9], "confidence": [3.0, 2.0]}

@@ -8,8 +8,8 @@ from typer.testing import CliRunner
 from flgpr import view
 from flgpr.commands.app import app
 from flgpr.store import sample_lane
+from flgpr.system import listening_socket
 from flgpr.viewer import Viewer
-from flgpr.viewer.limits import listening_socket
 
 RUN = sample_lane() / "run.zarr"
 
@@ -21,7 +21,7 @@ def taken_port():
 
 
 def test_a_port_in_use_is_named_with_what_to_do(taken_port):
-    words = f"port must be free, got {taken_port}, on which another program listens: give another port, or port 0"
+    words = f"got 127.0.0.1:{taken_port}: another program listens on it; port 0 takes a free one"
     with pytest.raises(ValueError, match=words):
         Viewer([RUN], port=taken_port)
     with pytest.raises(ValueError, match=words):
@@ -36,17 +36,21 @@ def test_a_port_in_use_is_named_with_what_to_do(taken_port):
 @pytest.mark.parametrize(
     ("host", "error", "words"),
     [
-        ("192.0.2.1", None, "host must be an address of this machine, got 192.0.2.1"),
-        ("nowhere.invalid", None, "host must be an address of this machine, got nowhere.invalid"),
+        (
+            "192.0.2.1",
+            None,
+            "host and port must be an .* got 192.0.2.1:80: this machine has no such address",
+        ),
+        ("nowhere.invalid", None, "got nowhere.invalid:80: this machine has no such address"),
         (
             "127.0.0.1",
             PermissionError(13, "Permission denied"),
-            r"port must be one that this user .* got 80: give",
+            "got 127.0.0.1:80: this user may listen on ports from 1024 on",
         ),
         (
             "127.0.0.1",
             OSError(24, "Too many open files"),
-            r"got 80 of 127.0.0.1 \(Too many open files\): give",
+            "got 127.0.0.1:80: Too many open files",
         ),
     ],
 )
@@ -58,7 +62,7 @@ def test_what_cannot_be_listened_on_is_told_in_words(monkeypatch, host, error, w
 
         monkeypatch.setattr(socket, "socket", type("Refusing", (socket.socket,), {"bind": refuse}))
     with pytest.raises(ValueError, match=words) as told:
-        listening_socket(host, 80)
+        listening_socket(host, 80, 1, "host and port")
     assert "Errno" not in str(told.value)
 
 

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from flgpr.commands.app import app
 from flgpr.model import Lane
 from flgpr.store import lane_text
-from flgpr.store.tables import write_table
+from flgpr.store.writing import write_table
 from flgpr.viewer.session import open_source, open_sources
 from scored import compare_alarms, score_alarms
 from scored_blind import score_sealed, seal_truth_file

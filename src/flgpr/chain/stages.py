@@ -9,8 +9,8 @@ from flgpr.stages import (
     Stage,
     Table,
     TrainingView,
-    find_stage,
 )
+from flgpr.stages.named import find_stage
 
 __all__ = [
     "ClutterStage",

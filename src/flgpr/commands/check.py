@@ -57,7 +57,7 @@ def check(
     from flgpr.health.checking import check_run
     from flgpr.model.motion import judge_run
     from flgpr.store import open_run, read_lane
-    from flgpr.store.tables import lane_file_of
+    from flgpr.store.lane_file import lane_file_of
 
     stored = open_run(run)
     beside = lane_file_of(run)

@@ -242,7 +242,8 @@ def import_table(
     from flgpr.commands.positions import table_reading
     from flgpr.store.dialects import TableReading
     from flgpr.store.outputs import write_new
-    from flgpr.store.tables import csv_text, read_table
+    from flgpr.store.tables import read_table
+    from flgpr.store.writing import csv_text
 
     if kind not in ("alarms", "truth", "objects"):
         raise ValueError(f"kind must be alarms, truth or objects, got {kind!r}")

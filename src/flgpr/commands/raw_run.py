@@ -453,7 +453,7 @@ def _tone_levels(signal: NDArray[np.complexfloating]) -> FloatArray:
 def _image_answer(picture: Picture) -> dict[str, Any]:
     """Return an image, its axes and its brightest points, for a page."""
     flat = picture.image[0].squeeze()
-    level = 20 * np.log10(np.maximum(np.abs(flat.values), 1e-30))
+    level = levels(flat.values)
     axes = []
     for name in flat.dims:
         positions = flat[name]

@@ -37,7 +37,7 @@ FEATURES = (
     "P_tau",
     "P_psi",
 )
-"""The paper's features in its order, #1 to #10. A new column is a stage (``stages/__init__.py``)."""
+"""The paper's features in its order, #1 to #10. A new feature is a stage (``stages/named.py``)."""
 POLARIMETRIC = ("P_H", "P_alpha", "P_tau", "P_psi")
 _WINDOW = 5  # pixels of the window of <·> in Eq. 10
 

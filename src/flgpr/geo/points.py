@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from flgpr.geo.anchor import Anchor
-from flgpr.store.tables import write_features, write_table
+from flgpr.store.writing import write_features, write_table
 
 STATEMENT = (
     "Evidence points of a radar: something reflected here. They are not hazard areas, and ground "

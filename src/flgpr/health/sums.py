@@ -218,12 +218,6 @@ class HealthSums:
         return np.asarray(self.standing / np.maximum(self.sweeps, 1)[..., None])
 
     @property
-    def median_change_db(self) -> float:
-        """Median power of the change from scan to scan over that of a scan, dB."""
-        known = [value for value in self.changed if np.isfinite(value)]
-        return float(np.median(known)) if known else np.nan
-
-    @property
     def changed_db(self) -> FloatArray:
         """Change from scan to scan of every tone (frequency,) over that of the tones around, dB."""
         return over_neighbours(self.change_db / max(self.changes, 1))

@@ -34,7 +34,7 @@ from flgpr.store import (
     read_manifest,
     sha256,
 )
-from flgpr.store.tables import lane_file_of
+from flgpr.store.lane_file import lane_file_of
 from flgpr.types import PathLike
 
 WORK_SUFFIX = ".work"

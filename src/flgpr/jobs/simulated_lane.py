@@ -21,9 +21,9 @@ from flgpr.store import (
     write_table,
     write_whole,
 )
+from flgpr.store.lane_file import lane_file_of
 from flgpr.store.outputs import atomic_output, log_finished
 from flgpr.store.run_writer import RunExistsError
-from flgpr.store.tables import lane_file_of
 from flgpr.types import PathLike
 
 

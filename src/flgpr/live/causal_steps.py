@@ -14,7 +14,8 @@ from flgpr.method.model import Model
 from flgpr.method.steps import Steps, check_confidence
 from flgpr.model import Lane
 from flgpr.recipe.schema import RANKS, Recipe, course_lane
-from flgpr.stages import FeatureStage, Stage, make_stages
+from flgpr.stages import FeatureStage, Stage
+from flgpr.stages.named import make_stages
 from flgpr.store import RunDescription, Scan, as_run
 
 WITHOUT_END = 1e9  # m, length of a lane whose end nobody has given

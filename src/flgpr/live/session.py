@@ -86,7 +86,7 @@ from flgpr.store.files import PARTIAL, write_whole
 from flgpr.store.notes import log_note
 from flgpr.store.outputs import locked_folder, log_finished
 from flgpr.store.scan_file import RUN_FILE
-from flgpr.store.tables import write_table
+from flgpr.store.writing import write_table
 
 _NO_POSE = "left out: no scan with a pose has come yet, and a recipe needs the array's height"
 _TICK = 0.1  # s between checks of the clock while nothing comes

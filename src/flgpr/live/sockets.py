@@ -25,11 +25,11 @@ import stat
 from dataclasses import dataclass
 from pathlib import Path
 
+from flgpr import system
 from flgpr.door import read_named
 from flgpr.types import PathLike
 
 LOOPBACK = "127.0.0.1"
-_LARGEST_PORT = 65535
 _CONNECT_TIMEOUT = 10.0  # s until a machine that does not answer is given up
 _ADDRESS = re.compile(
     r"(?:(?P<host>[^\[\]:]+):|\[(?P<long>[^\[\]]+)\]:)?(?P<port>[0-9]{1,5})", re.ASCII
@@ -49,8 +49,7 @@ class TcpAddress:
         return ipaddress.ip_address(self.host).is_loopback
 
     def __str__(self) -> str:
-        host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"{host}:{self.port}"
+        return system.address_text(self.host, self.port)
 
 
 def parse_tcp(text: str) -> TcpAddress:
@@ -77,8 +76,8 @@ def parse_tcp(text: str) -> TcpAddress:
     if matched is None:
         raise ValueError(f"{rule}, got {text!r}")
     port = int(matched["port"])
-    if port > _LARGEST_PORT:
-        raise ValueError(f"tcp must have a port from 0 to {_LARGEST_PORT}, got {port}")
+    if port > system.LARGEST_PORT:
+        raise ValueError(f"tcp must have a port from 0 to {system.LARGEST_PORT}, got {port}")
     host = matched["host"] or matched["long"] or LOOPBACK
     if host == "localhost":
         host = LOOPBACK
@@ -111,18 +110,7 @@ def listening_tcp(address: TcpAddress, backlog: int) -> socket.socket:
     ValueError
         If the address cannot be listened on; the error says why.
     """
-    listener = _new_socket(address)
-    # A port of a run that ended a moment ago may be used at once.
-    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    try:
-        listener.bind((address.host, address.port))
-        listener.listen(backlog)
-    except OSError as error:
-        listener.close()
-        raise ValueError(
-            f"tcp must be an address that can be listened on, got {address}: {_tcp_reason(error)}"
-        ) from None
-    return listener
+    return system.listening_socket(address.host, address.port, backlog, "tcp")
 
 
 def connected_tcp(address: TcpAddress) -> socket.socket:
@@ -143,12 +131,9 @@ def connected_tcp(address: TcpAddress) -> socket.socket:
     ValueError
         If nobody listens there; the error says why.
     """
-    connection = _new_socket(address)
-    connection.settimeout(_CONNECT_TIMEOUT)
     try:
-        connection.connect((address.host, address.port))
+        connection = socket.create_connection((address.host, address.port), _CONNECT_TIMEOUT)
     except OSError as error:
-        connection.close()
         reason = error.strerror or "it does not answer"
         raise ValueError(
             f"tcp must be an address that flgpr live listens on, got {address}: {reason}"
@@ -157,28 +142,6 @@ def connected_tcp(address: TcpAddress) -> socket.socket:
     # The last bytes of a scan are sent at once, and not together with the next scan.
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return connection
-
-
-def _new_socket(address: TcpAddress) -> socket.socket:
-    """Return a TCP socket of the version of an address."""
-    family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
-    try:
-        return socket.socket(family, socket.SOCK_STREAM)
-    except OSError as error:
-        raise ValueError(
-            f"tcp must be an address of a version that this machine has, got {address}: "
-            f"{error.strerror}"
-        ) from None
-
-
-def _tcp_reason(error: OSError) -> str:
-    """Return why an address cannot be listened on."""
-    reasons = {
-        errno.EADDRNOTAVAIL: "this machine has no such address",
-        errno.EADDRINUSE: "another program listens on it; port 0 takes a free one",
-        errno.EACCES: "this user may listen on ports from 1024 on",
-    }
-    return reasons.get(error.errno or 0, error.strerror or "the system refuses it")
 
 
 def check_unix_sockets(path: Path) -> None:

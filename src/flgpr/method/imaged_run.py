@@ -37,15 +37,8 @@ from flgpr.recipe.schema import Recipe, as_imaged
 from flgpr.recipe.tables import ImageTable
 from flgpr.screen import view_array
 from flgpr.screen.views import reached_rows
-from flgpr.stages import (
-    FeatureStage,
-    MapStage,
-    ScreenStage,
-    Setup,
-    Stage,
-    make_clutter_stages,
-    make_stages,
-)
+from flgpr.stages import FeatureStage, MapStage, ScreenStage, Setup, Stage
+from flgpr.stages.named import make_clutter_stages, make_stages
 from flgpr.types import AnyArray, ComplexArray, FloatArray, floats
 
 

@@ -78,8 +78,8 @@ def passes_of(lane: ImagedRun) -> list[PlannedPass]:
         )
 
     # Cleaned images, or the recipe's map of them, laid over one another on the lane: the second
-    # largest value of all looks at a place (Sec. II-B), or what else of screen/views.py the recipe
-    # names.
+    # largest value of all looks at a place (Sec. II-B, RunViewSums), or what else of screen/views.py
+    # the recipe names.
     passes.append(plan(lane, RunView, PlainRunView))
     if lane.recipe.score.area == "frames":
         passes.append(plan(lane, FrameAlarms))

@@ -128,7 +128,7 @@ class Steps:
     def view_sums(
         self, grid: Grid, rows: slice | None = None
     ) -> RunViewSums | MeanViewSums | RangeViewSums:
-        """Return the empty sums of the recipe's look (Wang et al. 2007, Sec. II-B).
+        """Return the empty sums of the recipe's look, such as the second largest (Sec. II-B).
 
         The roadside's mask and the view before the background is removed take the second largest
         look whatever the recipe says.

@@ -1,5 +1,3 @@
-from flgpr_ground.croissant import describe_ground as describe_ground
-from flgpr_ground.croissant import write_croissant as write_croissant
 from flgpr_ground.entering import enter_submissions as enter_submissions
 from flgpr_ground.entering import write_submissions as write_submissions
 from flgpr_ground.entries import find_entry as find_entry
@@ -7,11 +5,11 @@ from flgpr_ground.entries import packaged_entries as packaged_entries
 from flgpr_ground.ground import Ground as Ground
 from flgpr_ground.ground import load_ground as load_ground
 from flgpr_ground.lane_data import LaneData as LaneData
+from flgpr_ground.lanes import make_ground as make_ground
+from flgpr_ground.lanes import open_lane as open_lane
 from flgpr_ground.leaderboard import write_leaderboard as write_leaderboard
 from flgpr_ground.oracle import run_oracle as run_oracle
 from flgpr_ground.paired import compare_entries as compare_entries
-from flgpr_ground.running import make_ground as make_ground
-from flgpr_ground.running import open_lane as open_lane
 from flgpr_ground.running import run_benchmark as run_benchmark
 from flgpr_ground.submission import Submission as Submission
 from flgpr_ground.submission import check_submission as check_submission

@@ -29,14 +29,8 @@ from flgpr.recipe.tables import (
     RunViewTable,
     ScoreTable,
 )
-from flgpr.stages import (
-    ClutterNamed,
-    FeaturesNamed,
-    MapNamed,
-    Named,
-    ScreenNamed,
-    Table,
-)
+from flgpr.stages import Table
+from flgpr.stages.named import ClutterNamed, FeaturesNamed, MapNamed, Named, ScreenNamed
 from flgpr.toml_text import parse_toml
 from flgpr.types import FloatArray
 
@@ -77,8 +71,8 @@ class Recipe(Table):
     clutter: tuple[ClutterNamed, ...] = ()
     map: MapNamed | None = None
     screen: ScreenNamed | None = None
-    features: FeaturesTable | None = None
-    columns: tuple[FeaturesNamed, ...] = ()
+    features: FeaturesTable | None = None  #: the ten features of Wang et al. 2007
+    columns: tuple[FeaturesNamed, ...] = ()  #: stages of the kind features, which make others
     detector: DetectorTable | None = None
     confidence: str = "contrast"
 

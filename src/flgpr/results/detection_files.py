@@ -22,7 +22,8 @@ from flgpr.results.manifest import ResultError
 from flgpr.store import sha256
 from flgpr.store.files import write_whole
 from flgpr.store.notes import log_note
-from flgpr.store.tables import parse_columns, parse_own_table, write_geojson, write_table
+from flgpr.store.tables import parse_columns, parse_own_table
+from flgpr.store.writing import write_geojson, write_table
 from flgpr.types import FloatArray
 
 if TYPE_CHECKING:

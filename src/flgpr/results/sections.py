@@ -19,7 +19,8 @@ from flgpr.model import Lane
 from flgpr.results.manifest import MANIFEST, ResultError, listing, read_result_manifest, reading
 from flgpr.store import json_with_digest, lane_text, write_table
 from flgpr.store.files import read_with_digest, write_whole
-from flgpr.store.tables import parse_lane, parse_own_table
+from flgpr.store.lane_file import parse_lane
+from flgpr.store.tables import parse_own_table
 from flgpr.types import PathLike
 
 FORMAT = "flgpr-sections"

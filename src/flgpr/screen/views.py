@@ -1,4 +1,9 @@
-"""The run-view: all scan images of a run in the lane frame (Wang et al. 2007, Sec. II-B)."""
+"""The run-view: all scan images of a run in the lane frame (Wang et al. 2007, Sec. II-B).
+
+What the looks at a place are combined to has a class each: :class:`RunViewSums` keeps the largest
+and the second largest, which it shows, :class:`MeanViewSums` the weighted mean,
+:class:`RangeViewSums` one look for each distance ahead.
+"""
 
 from __future__ import annotations
 
@@ -191,13 +196,13 @@ def _rows_of(sums: Mapping[str, AnyArray], rows: slice) -> Arrays:
 
 
 class RunViewSums(LaneSums):
-    """Find the second largest magnitude at every pixel of the lane (Wang et al. 2007, Sec. II-B).
+    """Keep the two largest magnitudes over the scans at every pixel, and show the second largest.
 
-    A flash, which is bright in a single scan, does not show. Two arrays are stored, ``first`` and
-    ``second``: the largest and the second largest magnitude of the scans so far. A new value is
-    compared with both, and only so is the second largest known after any number of scans. The
-    run-view is ``second`` where two scans or more see the pixel, and ``first``, the only value,
-    where a single one does.
+    That is the run-view of Wang et al. 2007, Sec. II-B. A flash, which is bright in a single scan,
+    does not show. Two arrays are stored, ``first`` and ``second``: the largest and the second
+    largest magnitude of the scans so far. A new value is compared with both, and only so is the
+    second largest known after any number of scans. The run-view is ``second`` where two scans or
+    more see the pixel, and ``first``, the only value, where a single one does.
 
     The n-th largest takes n arrays in descending order: a new value passes down through them
     (``_add_samples``), those of other scans likewise (``_add_sums``), and where fewer scans see a

@@ -111,7 +111,6 @@ class Aperture:
 
     data: ComplexArray  #: (scan, polarization, pair, frequency) received field
     operators: Sequence[OperatorOn]  #: per scan, makes its operator on points of the latest's frame
-    looks: ComplexArray  #: (scan, y, x) VV image of every scan
     vv: ComplexArray  #: (y, x) coherent sum over the scans (Fuse et al. 2018, Eq. 4)
     vh: ComplexArray  #: (y, x) the same of the cross-polarized channel
     #: (y, x) second band: the mean magnitude over the scans, as its wavelength is too short for the
@@ -207,10 +206,9 @@ class MaskedSuppression(ClutterStage):
         images = []
         for operator_on, signal in zip(operators, data[:, [self._vv, self._vh]], strict=True):
             images.append(operator_on(self.points).adjoint(signal)[:, 0])
-        looks = np.stack(images)
-        vv, vh = looks.sum(axis=0)
+        vv, vh = np.stack(images).sum(axis=0)
         second = None if self._second is None else self._second_band(self._second, scans, index)
-        return Aperture(data, operators, looks[:, 0], vv, vh, second)
+        return Aperture(data, operators, vv, vh, second)
 
     def _second_band(self, imager: ScanImager, scans: Sequence[int], index: int) -> Float32Array:
         """Return the mean magnitude (y, x) of the second band over the scans of an aperture."""

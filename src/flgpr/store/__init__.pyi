@@ -10,6 +10,8 @@ from flgpr.store.files import check_free_folder as check_free_folder
 from flgpr.store.files import merge_tables as merge_tables
 from flgpr.store.files import replace_folder as replace_folder
 from flgpr.store.files import write_whole as write_whole
+from flgpr.store.lane_file import lane_text as lane_text
+from flgpr.store.lane_file import read_lane as read_lane
 from flgpr.store.run_store import RunStoreError as RunStoreError
 from flgpr.store.run_store import open_run as open_run
 from flgpr.store.run_store import read_manifest as read_manifest
@@ -31,11 +33,7 @@ from flgpr.store.scan_file import read_description as read_description
 from flgpr.store.scan_file import scan_of as scan_of
 from flgpr.store.scan_file import write_description as write_description
 from flgpr.store.store_layout import MAX_MEMORY as MAX_MEMORY
-from flgpr.store.tables import lane_text as lane_text
-from flgpr.store.tables import read_lane as read_lane
 from flgpr.store.tables import read_table as read_table
-from flgpr.store.tables import write_geojson as write_geojson
-from flgpr.store.tables import write_table as write_table
 from flgpr.store.verdicts import MOST_VERDICT_BYTES as MOST_VERDICT_BYTES
 from flgpr.store.verdicts import VERDICTS as VERDICTS
 from flgpr.store.verdicts import check_verdicts as check_verdicts
@@ -43,3 +41,5 @@ from flgpr.store.verdicts import parse_verdicts as parse_verdicts
 from flgpr.store.verdicts import read_verdicts as read_verdicts
 from flgpr.store.verdicts import verdict_bytes as verdict_bytes
 from flgpr.store.verdicts import verdict_key as verdict_key
+from flgpr.store.writing import write_geojson as write_geojson
+from flgpr.store.writing import write_table as write_table

@@ -12,8 +12,8 @@ import numpy as np
 from flgpr.budget import Budget
 from flgpr.door import read_named
 from flgpr.store.store_layout import MAX_MEMORY
-from flgpr.store.tables import plain_text
 from flgpr.store.text import decode_text
+from flgpr.store.writing import plain_text
 from flgpr.types import AnyArray, Arrays
 
 _MISSING = {"", "nan", "na", "null"}

@@ -26,6 +26,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.routing import Route
 
+from flgpr import system
 from flgpr.geo import map_backdrop, read_anchor
 from flgpr.store import MOST_VERDICT_BYTES, RunStoreError
 from flgpr.store.answers import MOST_ANSWER_BYTES, add_answer
@@ -35,7 +36,6 @@ from flgpr.viewer.limits import (
     LimitedServer,
     Limits,
     fit_to_process,
-    listening_socket,
 )
 from flgpr.viewer.session import (
     LIVE_FILE,
@@ -56,6 +56,7 @@ STATIC = {
 }
 VERDICTS_PATH = "/data/verdicts.json"
 ANSWERS_PATH = "/data/answers"
+_WAITING = 128  # connections that the system accepts before the server looks at them
 _JSON = "application/json"
 _BYTES = "application/octet-stream"
 
@@ -170,7 +171,7 @@ class Viewer:
         self._opening = threading.Lock()
         self.token = secrets.token_urlsafe(_TOKEN_BYTES)
         # Requests before run is called wait.
-        self._socket = listening_socket(host, port)
+        self._socket = system.listening_socket(host, port, _WAITING, "host and port")
         self.host = host
         self.port = int(self._socket.getsockname()[1])
         #: paths that the page may write to, which the guard looks at with every request
@@ -186,9 +187,7 @@ class Viewer:
     def url(self) -> str:
         """Address of the page, token included."""
         host = socket.gethostname() if self.host in ("0.0.0.0", "::") else self.host  # noqa: S104
-        if ":" in host:
-            host = f"[{host}]"
-        return f"http://{host}:{self.port}/{self.token}/"
+        return f"http://{system.address_text(host, self.port)}/{self.token}/"
 
     def keep_answers(self) -> None:
         """Let the page add a driver's answers to the log of the live run.

@@ -29,7 +29,8 @@ from flgpr.store import open_run, sha256
 from flgpr.store.dialects import TableReading, parse_columns_option
 from flgpr.store.files import existing
 from flgpr.store.outputs import atomic_output
-from flgpr.store.tables import json_value, parse_table, write_table
+from flgpr.store.tables import parse_table
+from flgpr.store.writing import json_value, write_table
 from flgpr.types import AnyArray
 from flgpr_exchange.cphd.phase_history import write_cphd
 from flgpr_exchange.maps import qgis

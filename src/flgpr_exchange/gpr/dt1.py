@@ -13,8 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from flgpr.types import AnyArray, Entries, FloatArray, Notes
-from flgpr_exchange.gpr.parts import (
+from flgpr_exchange.gpr.along_line import (
     FARTHEST,
+    gather_of_separations,
+    measured_clock,
+    measured_distance,
+)
+from flgpr_exchange.gpr.parts import (
     INTERVALS,
     MOST_SAMPLES,
     NANOSECOND,
@@ -24,10 +29,7 @@ from flgpr_exchange.gpr.parts import (
     find_companion,
     first_bytes,
     float64,
-    gather_of_separations,
     length_unit,
-    measured_clock,
-    measured_distance,
     note_count,
     read_header,
     read_records,

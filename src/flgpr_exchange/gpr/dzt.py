@@ -12,17 +12,16 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from flgpr.types import Entries, FloatArray, IntArray, Notes
+from flgpr_exchange.gpr.along_line import equal_steps, measured_distance
 from flgpr_exchange.gpr.antennas import antenna_frequency, noted_frequency, set_frequency
 from flgpr_exchange.gpr.dzx import DzxContent, read_dzx
 from flgpr_exchange.gpr.parts import (
     INTERVALS,
     NANOSECOND,
-    equal_steps,
     exact_floats,
     find_companion,
     first_bytes,
     header_words,
-    measured_distance,
     note_count,
     read_records,
 )

@@ -11,14 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from flgpr.types import AnyArray, Entries, Notes
+from flgpr_exchange.gpr.along_line import equal_steps, interleaved_channels
 from flgpr_exchange.gpr.parts import (
     INTERVALS,
     ZERO_ASSUMED,
-    equal_steps,
     exact_floats,
     first_bytes,
     header_words,
-    interleaved_channels,
     note_count,
     numbers_in,
     read_records,

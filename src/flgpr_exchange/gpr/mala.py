@@ -11,16 +11,14 @@ from typing import NamedTuple
 import numpy as np
 
 from flgpr.types import Entries, Notes
+from flgpr_exchange.gpr.along_line import channel_offsets, equal_steps, interleaved_channels
 from flgpr_exchange.gpr.antennas import noted_frequency
 from flgpr_exchange.gpr.parts import (
     INTERVALS,
     MOST_SAMPLES,
     ZERO_ASSUMED,
     Header,
-    channel_offsets,
-    equal_steps,
     exact_floats,
-    interleaved_channels,
     read_header,
     read_records,
 )

@@ -23,15 +23,14 @@ from numpy.typing import NDArray
 from flgpr.door import open_named
 from flgpr.json_text import parse_json
 from flgpr.types import Entries, FloatArray, IndexArray, Notes
+from flgpr_exchange.gpr.along_line import between_neighbours, way_along
 from flgpr_exchange.gpr.parts import (
     INTERVALS,
     MOST_SAMPLES,
     NANOSECOND,
-    between_neighbours,
     exact_floats,
     first_bytes,
     note_count,
-    way_along,
 )
 from flgpr_exchange.gpr.positions import Fixes
 

@@ -25,13 +25,8 @@ from flgpr.formats.nmea import (
     sentences_of,
 )
 from flgpr.types import ArrayLike, BoolArray, FloatArray, Notes, floats
-from flgpr_exchange.gpr.parts import (
-    DAY,
-    find_companion,
-    is_header_line,
-    note_count,
-    read_companion,
-)
+from flgpr_exchange.gpr.along_line import DAY
+from flgpr_exchange.gpr.parts import find_companion, is_header_line, note_count, read_companion
 
 _CHANNEL_OF_NAME = re.compile(r"(.+)_[A-Za-z]?\d{1,3}")
 """A file of one channel of several, such as line_A03, whose positions may lie in line.cor."""

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flgpr.types import AnyArray, Entries, Float32Array, Notes
+from flgpr_exchange.gpr.along_line import interleaved_channels
 from flgpr_exchange.gpr.parts import (
     FOOT,
     INTERVALS,
@@ -24,7 +25,6 @@ from flgpr_exchange.gpr.parts import (
     exact_floats,
     first_bytes,
     header_words,
-    interleaved_channels,
     note_count,
     read_records,
     words_type,

@@ -7,13 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from flgpr.types import AnyArray, FloatArray, Notes, floats
-from flgpr_exchange.gpr.parts import (
-    between_neighbours,
-    float64,
-    gather_of_separations,
-    note_count,
-    way_along,
-)
+from flgpr_exchange.gpr.along_line import between_neighbours, gather_of_separations, way_along
+from flgpr_exchange.gpr.parts import float64, note_count
 from flgpr_exchange.gpr.positions import Fixes, settle_fixes
 
 _COORDINATES = {

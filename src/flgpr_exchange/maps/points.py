@@ -20,7 +20,7 @@ from flgpr.model.lane import Lane
 from flgpr.store.extras import optional
 from flgpr.store.files import write_whole
 from flgpr.store.outputs import atomic_output
-from flgpr.store.tables import json_value
+from flgpr.store.writing import json_value
 from flgpr.types import Entries, FloatArray
 from flgpr_exchange.documents import document
 

@@ -12,7 +12,6 @@ OFFER = Offer(
         "benchmark table": benchmark.benchmark_table,
         "benchmark list": benchmark.list_benchmark,
         "benchmark make": submissions.make_benchmark,
-        "benchmark croissant": submissions.describe_benchmark,
         "benchmark validate": submissions.validate_submissions,
         "benchmark enter": submissions.enter_benchmark,
         "benchmark leaderboard": submissions.benchmark_leaderboard,

@@ -1,4 +1,4 @@
-"""``flgpr benchmark`` for what is made elsewhere: lanes, a description of them, submissions."""
+"""``flgpr benchmark`` for what is made elsewhere: lanes and submissions."""
 
 from __future__ import annotations
 
@@ -53,43 +53,6 @@ def make_benchmark(
 
     options = run_options(workers, scheduler, track=track)
     return proving_ground.make_ground(output, quick, options, ground, tier)
-
-
-def _croissant_lines(written: tuple[Path, list[str]], _: Arguments) -> Iterator[Any]:
-    """Yield the file, and what it lacks."""
-    path, missing = written
-    yield path
-    if missing:
-        yield f"left out, though Croissant requires it: {', '.join(missing)}"
-
-
-@command(lines=_croissant_lines)
-def describe_benchmark(
-    folder: Annotated[
-        PathLike | None,
-        Argument(help="Folder of `flgpr benchmark make` or `run`, whose files are hashed."),
-    ] = None,
-    output: Annotated[
-        PathLike | None, output_option("JSON-LD file, by default croissant.json in the folder")
-    ] = None,
-    quick: Quick = False,
-    ground: Chosen = None,
-    url: Annotated[str, Option(help="Address at which you publish the files.")] = "",
-    licence: Annotated[str, Option(help="Address of the licence of your own ground.")] = "",
-) -> tuple[Path, list[str]]:
-    """Describe a proving ground in MLCommons' Croissant format.
-
-    Returns
-    -------
-    path : Path
-        The file.
-    missing : list of str
-        Properties that Croissant requires and that are left out, such as the address of files that
-        are hosted nowhere.
-    """
-    from flgpr import proving_ground
-
-    return proving_ground.write_croissant(output, folder, quick, ground, url, licence)
 
 
 def _fault_lines(checked: list[Submission], _: Arguments) -> Iterator[str]:

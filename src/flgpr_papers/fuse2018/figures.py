@@ -8,20 +8,17 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Rectangle
 from numpy.typing import NDArray
 
 from flgpr.clutter import TABLE_II
 from flgpr_papers.fuse2018.findings import PAPER_DB, power_db, strongest_boxes
-from flgpr_papers.fuse2018.fullwave import FullwaveStudy
 from flgpr_papers.fuse2018.lanes import FuseRecipe, band_sensor
 from flgpr_papers.fuse2018.matches import CONVENTIONS, scored
-from flgpr_papers.fuse2018.poses import PoseStudy
 from flgpr_papers.fuse2018.process import LaneResult
 from flgpr_papers.fuse2018.suppression import VARIANTS, Calibration
-from flgpr_papers.kit.figures import Figures, chance_line, colour_bar, decibels, show, steps
+from flgpr_papers.kit.figures import Figures, chance_line, colour_bar, show, steps
 from flgpr_papers.kit.intervals import clustered
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -56,8 +53,6 @@ class Measured:
     loose: LaneResult  #: result of lane A with the presets' looser navigation
     calibration: Calibration  #: what the calibration lane teaches
     example: Arrays  #: what the figures show of one aperture
-    poses: PoseStudy  #: loss of the coherent sum by wrong poses
-    fullwave: FullwaveStudy  #: the packaged full-wave lane
 
 
 def _rows(measured: Measured, titles: Mapping[str, str], columns: int) -> dict[str, Any]:
@@ -233,49 +228,6 @@ def variants_roc_figure(panels: Panels, measured: Measured) -> None:
             steps(axes, curve, name, color=colour, ls=dash, lw=width)
         chance_line(axes, 0.3, recipe.score.halo / 2)
         axes.set_title(f"lane {lane.name}, {title}", fontsize=9)
-
-
-@_figure
-def pose_figure(panels: Panels, measured: Measured) -> None:
-    """Draw the loss of the coherent sum against the poses' error: formula, reflectors, lanes."""
-    study, lanes, loose = measured.poses, measured.lanes, measured.loose
-    left, right = panels
-    errors = 1000 * np.asarray(study.errors)
-    for band, dash in (("l", "-"), ("x", "--")):
-        label = f"formula, {band.upper()} band, many frames"
-        left.plot(errors, study.predicted[band], dash, color="0.2", label=label)
-    low, middle, high = np.quantile(study.measured, (0.05, 0.5, 0.95), axis=1)
-    bars = np.array([middle - low, high - middle])
-    style = {"fmt": "o", "color": "C3", "capsize": 4}
-    left.errorbar(errors, middle, bars, label="reflectors, L band (5 to 95 %)", **style)
-    bins = np.linspace(0, 10, 41).tolist()
-    tight = pd.concat([lane.coherence for lane in lanes])["loss_db"]
-    right.hist(tight, bins, density=True, alpha=0.6, label="lanes A and B")
-    line = {"histtype": "step", "color": "C3", "lw": 2}
-    right.hist(loose.coherence["loss_db"], bins, density=True, label="looser poses", **line)
-
-
-@_figure
-def fullwave_figure(panels: Panels, measured: Measured) -> None:
-    """Draw the full-wave lane before and after, with its masks."""
-    study = measured.fullwave
-    rules = sorted({name.split("/")[0] for name in study.images if "/" in name}, reverse=True)
-    top = study.images["VV"].max()
-    x = study.images["x"]
-    y = study.images["y"]
-    extent = (x[0], x[-1], y[0], y[-1])
-    for row, rule in zip(panels, rules, strict=True):
-        show(row[0], study.images[f"{rule}/mask"], extent, 0, 1, cmap="gray")
-        row[0].set_title(f"mask, roadside {rule}", fontsize=9)
-        for axes, method in zip(row[1:], ("none", "iteration", "least squares"), strict=True):
-            level = decibels(study.images[f"{rule}/{method}"] / top)
-            shown = show(axes, level, extent, -_RANGE, 0, cmap="viridis")
-            axes.set_title("VV as it is" if method == "none" else f"VV, {method}", fontsize=9)
-        for axes in row:
-            for mark, (px, py) in zip("^^^xs", study.images["places"], strict=True):
-                edge = "C2" if mark == "^" else "C3"
-                axes.plot(px, py, mark, mfc="none", mec=edge, color="C3", ms=9)
-    colour_bar(panels, shown, "dB under the VV peak")
 
 
 def _image(axes: Axes, example: Arrays, magnitude: NDArray[Any], top: float | None = None) -> Any:

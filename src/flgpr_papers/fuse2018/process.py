@@ -13,7 +13,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr.clutter import measured_coherence
 from flgpr.model import ground_points, lane_to_scan
 from flgpr.progress import Track
 from flgpr.recipe.schema import recipe_text
@@ -58,7 +57,6 @@ class LaneResult:
     #: was worse than another, whether the best had to stand in, residual, share of pixels masked,
     #: CPU seconds
     courses: pd.DataFrame
-    coherence: pd.DataFrame  #: frame, loss of the coherent sum at the strongest pixels, dB
     own: (
         pd.DataFrame
     )  #: frame, target, variant, change of what the mine alone gives at its peak, dB
@@ -69,7 +67,7 @@ class LaneResult:
     maps: Arrays
 
 
-_TABLES = ("alarms", "boxes", "mines", "courses", "coherence", "own", "bands")
+_TABLES = ("alarms", "boxes", "mines", "courses", "own", "bands")
 
 
 def calibrate(frames: Frames, recipe: FuseRecipe, track: Track) -> Calibration:
@@ -145,8 +143,6 @@ def process_lane(
             tables["alarms"] += alarm_rows(cleaned, name, levels[name], recipe)
         all_levels = np.stack(list(levels.values())).astype(np.float32)
         sums.add(all_levels, cleaned.stage.grid, cleaned.pose)
-        for loss in measured_coherence(cleaned.aperture.looks).loss_db:
-            tables["coherence"].append({"frame": k, "loss_db": float(loss)})
         if example is not None and k == example_frame:
             example(cleaned)
     return LaneRecords(tables, dict(zip(variants, sums.result()[0], strict=True)))

@@ -16,13 +16,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from flgpr.clutter import TABLE_II
+from flgpr.clutter import TABLE_II, accuracy_needed
 from flgpr.progress import Track
 from flgpr.scoring import pd_at
 from flgpr_papers.fuse2018 import figures
 from flgpr_papers.fuse2018.figures import Measured
 from flgpr_papers.fuse2018.findings import STATEMENTS, all_findings, power_db, strongest_boxes
-from flgpr_papers.fuse2018.fullwave import fullwave_study
 from flgpr_papers.fuse2018.lanes import (
     BANDS,
     Frames,
@@ -33,7 +32,6 @@ from flgpr_papers.fuse2018.lanes import (
     simulate_lane,
 )
 from flgpr_papers.fuse2018.matches import CONVENTIONS, scored
-from flgpr_papers.fuse2018.poses import pose_study
 from flgpr_papers.fuse2018.process import (
     LaneResult,
     process_lane,
@@ -97,9 +95,6 @@ def page_tables(measured: Measured) -> dict[str, Any]:
     """Return what the template of the page takes."""
     recipe = measured.recipe
     learnt = measured.calibration.learnt
-    poses = measured.poses
-    losses = {f"formula, {band.upper()} band, dB": poses.predicted[band] for band in BANDS}
-    losses["reflectors, L band, median, dB"] = np.median(poses.measured, axis=1)
     courses = pd.concat([lane.courses for lane in measured.lanes])
     sensors = [band_sensor(recipe, band) for band in BANDS]
     return {
@@ -112,10 +107,7 @@ def page_tables(measured: Measured) -> dict[str, Any]:
         "looks": learnt["looks"],
         "variants": VARIANTS,
         "courses": {name: rows for name, rows in courses.groupby("variant") if name != "original"},
-        "poses": poses,
-        "errors": [f"{1000 * error:g}" for error in poses.errors],
-        "losses": losses,
-        "fullwave": measured.fullwave,
+        "pose_needed": [accuracy_needed(one.tones.axis(), 1.0) for one in sensors],
         "sensors": sensors,
         "antennas": [[len(np.unique(side, axis=0)) for side in one.pairs()] for one in sensors],
         "combinations": TABLE_II,
@@ -151,8 +143,6 @@ def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
         loose=loose,
         calibration=calibration,
         example={**shown, "box side": np.asarray(recipe.boxes.side)},
-        poses=pose_study(recipe, draws=8 if quick else 60),
-        fullwave=fullwave_study(quick),
     )
     findings = all_findings(lanes, loose, recipe)
     return Outcome(
@@ -160,7 +150,6 @@ def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
         measured=measured,
         facts=page_facts(measured, findings),
         tables=page_tables(measured),
-        files={"fullwave.csv": measured.fullwave.table.to_csv(index=False)},
     )
 
 

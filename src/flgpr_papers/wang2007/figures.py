@@ -10,7 +10,6 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Rectangle
 from matplotlib.ticker import MaxNLocator
@@ -53,7 +52,6 @@ class Measured:
     blind: Sequence[LaneResult]  #: results of the blind lanes
     tables: Tables  #: what the statements are judged by
     examples: Examples  #: scan images and patches of Figs. 2-5, 8 and 10
-    costs: pd.DataFrame  #: as :func:`~flgpr_papers.wang2007.costs.cost_table` returns it
     draws: int  #: number of bootstrap draws
 
 

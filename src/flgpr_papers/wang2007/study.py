@@ -54,7 +54,6 @@ from flgpr_papers.wang2007.analysis import (
     all_forty,
     clutter_levels,
 )
-from flgpr_papers.wang2007.costs import MEDIAN_STEP, Lanes, cost_table
 from flgpr_papers.wang2007.examples import save_examples
 from flgpr_papers.wang2007.figures import Measured
 from flgpr_papers.wang2007.findings import SETS, Tables, all_findings, retrainings
@@ -175,7 +174,6 @@ def page_tables(measured: Measured) -> dict[str, Any]:
     pool = tables.pool
     score, confidence, chosen = pool.nested(all_forty()[:10], 5)
     low, high = pool.interval(confidence, measured.draws)
-    costs = measured.costs.groupby(["difference", "lanes"], sort=False)
     return {
         "radar": measured.radar,
         "lanes": [*measured.calibration, *measured.blind],
@@ -189,7 +187,6 @@ def page_tables(measured: Measured) -> dict[str, Any]:
         "tables": tables,
         "swapped": pool.singles([f"swapped.{name}_F1" for name in FEATURES], "A"),
         "shared": pool.singles([f"shared.{name}_F1" for name in FEATURES[6:]], "A"),
-        "costs": [of_difference.to_dict("records") for _, of_difference in costs],
         "nested": {
             "score": score,
             "low": low,
@@ -238,25 +235,19 @@ def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
     sensor and recipe.
     """
     draws = 100 if quick else 1000
-    printed, coarse = [
-        Lanes(
-            *[
-                [part(folder, name, quick, world, track) for name in lanes]
-                for lanes in _lanes(quick, world)
-            ]
-        )
-        for part in (make_part, coarse_part)
+    calibration, blind = [
+        [make_part(folder, name, quick, world, track) for name in scenes]
+        for scenes in lane_scenes(quick, world)
     ]
     recipe = parse_recipe(packaged_text("wang2007"))
-    findings, tables = all_findings(*printed, recipe, draws)
+    findings, tables = all_findings(calibration, blind, recipe, draws)
     measured = Measured(
         recipe=recipe,
         radar=sensor(),
-        calibration=printed.calibration,
-        blind=printed.blind,
+        calibration=calibration,
+        blind=blind,
         tables=tables,
         examples=read_arrays(folder / "results" / "examples.bundle"),
-        costs=cost_table(printed, coarse, draws),
         draws=draws,
     )
     return Outcome(
@@ -264,11 +255,10 @@ def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
         measured=measured,
         facts=page_facts(measured),
         tables=page_tables(measured),
-        files={"costs.csv": measured.costs.round(4).to_csv(index=False)},
     )
 
 
-def _lanes(quick: bool, world: str = OWN) -> tuple[LaneScenes, LaneScenes]:
+def lane_scenes(quick: bool, world: str = OWN) -> tuple[LaneScenes, LaneScenes]:
     """Return the scenes of the calibration and of the blind lanes."""
     if quick:
         return quick_scenes(world=world)
@@ -277,7 +267,7 @@ def _lanes(quick: bool, world: str = OWN) -> tuple[LaneScenes, LaneScenes]:
 
 def _parts(quick: bool) -> list[str]:
     """Return the names of the lanes, the longest first."""
-    calibration, blind = _lanes(quick)
+    calibration, blind = lane_scenes(quick)
     return [*blind, *calibration]
 
 
@@ -286,8 +276,7 @@ def make_part(
 ) -> LaneResult:
     """Run a lane through the chain, or read its result if it is on disk.
 
-    A blind lane has the sub-band F1 alone, which the frozen classifiers read. The lane is run a
-    second time with the coarse median of the recipe wang2007, for the table of costs.
+    A blind lane has the sub-band F1 alone, which the frozen classifiers read.
 
     Parameters
     ----------
@@ -299,33 +288,13 @@ def make_part(
         As the study runs.
     """
     text = packaged_text("wang2007")
-    calibration, blind = _lanes(quick, world)
+    calibration, blind = lane_scenes(quick, world)
     if name in calibration:
         scene, seed = calibration[name]
         is_first = name == "c1"
-        result = lane_result(folder, scene, seed, sensor(), text, track, examples=is_first)
-    else:
-        scene, seed = blind[name]
-        radar = sensor(F1_BAND)
-        result = lane_result(folder, scene, seed, radar, f1_alone(text), track, wide=False)
-    coarse_part(folder, name, quick, world, track)
-    return result
-
-
-def coarse_part(
-    folder: Path, name: str, quick: bool, world: str = OWN, track: Track = silent
-) -> LaneResult:
-    """Run a lane with the coarse median of the recipe wang2007, in F1 alone.
-
-    The parameters are those of :func:`make_part`.
-    """
-    calibration, blind = _lanes(quick, world)
-    scene, seed = (calibration | blind)[name]
-    radar = sensor() if name in calibration else sensor(F1_BAND)
-    text = f1_alone(packaged_text("wang2007")).replace(
-        "median_step = 1\n", f"median_step = {MEDIAN_STEP}\n"
-    )
-    return lane_result(folder, scene, seed, radar, text, track, wide=False, suffix="-coarse")
+        return lane_result(folder, scene, seed, sensor(), text, track, examples=is_first)
+    scene, seed = blind[name]
+    return lane_result(folder, scene, seed, sensor(F1_BAND), f1_alone(text), track, wide=False)
 
 
 def lane_result(

@@ -19,7 +19,8 @@ from flgpr.scoring import as_lanes
 from flgpr.scoring.matching import LaneLike
 from flgpr.store.files import existing
 from flgpr.store.outputs import output_exists_error, write_new
-from flgpr.store.tables import csv_text, parse_table, read_columns
+from flgpr.store.tables import parse_table, read_columns
+from flgpr.store.writing import csv_text
 from flgpr.types import BoolArray, FloatArray
 from flgpr_trials.pages import sheet_html
 from flgpr_trials.planning import emplacement_plan

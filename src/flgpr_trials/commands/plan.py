@@ -172,7 +172,7 @@ def plan_lane(
     from flgpr.store.extras import optional
     from flgpr.store.files import check_new
     from flgpr.store.outputs import log_finished, output_exists_error, write_new
-    from flgpr.store.tables import csv_text
+    from flgpr.store.writing import csv_text
     from flgpr_trials.commands import crew
     from flgpr_trials.commands.scores import recipe_hash
     from flgpr_trials.folder import require_trial_rules, trial_register
@@ -403,7 +403,8 @@ def survey_plan(
     from flgpr.door import read_named
     from flgpr.store.files import existing
     from flgpr.store.outputs import write_new
-    from flgpr.store.tables import csv_text, parse_table
+    from flgpr.store.tables import parse_table
+    from flgpr.store.writing import csv_text
     from flgpr_trials.commands.crew import read_sheet
     from flgpr_trials.commands.scores import default_register
     from flgpr_trials.ledger import content_hash, enter_unopened, read_register, require_unopened

@@ -154,7 +154,7 @@ def trial_intake(
     from flgpr.store.dialects import TableReading
     from flgpr.store.files import existing
     from flgpr.store.outputs import log_finished
-    from flgpr.store.tables import csv_text
+    from flgpr.store.writing import csv_text
     from flgpr_trials.folder import open_trial, used_rows, write_changed
     from flgpr_trials.intake import Intake, read_vendor_list
     from flgpr_trials.ledger import content_hash, enter_unopened, read_register, require_unopened

@@ -1,8 +1,8 @@
 """The features of alarms, from the images of all scans that see them.
 
 Contrast and polarimetric features are those of Wang et al. 2007, Eq. 5 to 17
-(``features/alarm_features.py``). The other columns are those of the recipe's feature stages: a new
-column is a stage such as ``stages/tracking.py``, and its row in ``stages/__init__.py``.
+(``features/alarm_features.py``). The others are those of the recipe's feature stages: a new
+feature is a stage such as ``stages/tracking.py``, and its row in ``stages/named.py``.
 
 What explains the alarms to the viewer: patches, cuts and A-scans of the nearest looks.
 """
@@ -19,10 +19,10 @@ from flgpr.types import Arrays, FloatArray, IndexArray
 
 
 class Features(Pass):
-    """Contrast, polarimetric features and the columns of stages.
+    """Contrast, polarimetric features and the features of stages.
 
     Each is the mean over the scans that see an alarm. The result holds an array (alarm,) for every
-    column, ``scans`` among them: how many scans saw the alarm.
+    feature, and ``scans``: how many scans saw the alarm.
     """
 
     name = "features"

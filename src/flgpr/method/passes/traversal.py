@@ -20,7 +20,8 @@ import xarray as xr
 from flgpr.engine import Accumulator, PlannedPass, bundle_groups, group_of
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.steps import CleanedImages
-from flgpr.stages import FeatureStage, Named
+from flgpr.stages import FeatureStage
+from flgpr.stages.named import Named
 from flgpr.store import sha256
 from flgpr.types import AnyArray, Arrays, ComplexArray, Float32Array, FloatArray, floats
 
@@ -235,7 +236,7 @@ VIEWING = IMAGING | {"run_view", "contrast", "map"}
 def background_key(lane: ImagedRun) -> dict[str, Any] | None:
     """Return what the self-signature and the gain background depend on."""
     recipe = lane.recipe
-    for stage in [*recipe.clutter, *_image_columns(lane)]:
+    for stage in [*recipe.clutter, *_image_features(lane)]:
         if stage.stage_class.learns:
             return None
     tables = recipe.model_dump(mode="json", include=IMAGING)
@@ -262,7 +263,7 @@ def features_key(lane: ImagedRun) -> dict[str, Any] | None:
     if view is None:
         return None
     places = lane.alarms()[["x", "y"]].to_numpy(np.float64)
-    columns = [stage.model_dump(mode="json") for stage in _image_columns(lane)]
+    columns = [stage.model_dump(mode="json") for stage in _image_features(lane)]
     return view | {
         "features": lane.recipe.model_dump(mode="json", include={"features"}),
         "columns": columns,
@@ -270,10 +271,10 @@ def features_key(lane: ImagedRun) -> dict[str, Any] | None:
     }
 
 
-def _image_columns(lane: ImagedRun) -> list[Named]:
+def _image_features(lane: ImagedRun) -> list[Named]:
     """List the feature stages of the recipe that read images."""
-    columns = []
+    stages = []
     for stage in lane.recipe.columns:
         if getattr(stage.stage_class, "of_image", None) is not FeatureStage.of_image:
-            columns.append(stage)
-    return columns
+            stages.append(stage)
+    return stages

@@ -54,7 +54,6 @@ class Impairments:
         self.sensor = sensor
         self.errors = sensor.errors
         self.seed = seed
-        self._before = _DRIVE * (drive - 1)
         self._drive = drive
         self._change = change or Drive()
         self.frequency = sensor.tones.axis()
@@ -81,7 +80,7 @@ class Impairments:
             Number of the scan.
         """
         errors = self.errors
-        scan += self._before
+        scan = self._counted(scan)
         rng = stream(self.seed, "scan", scan)
         signal = self._antennas.apply(signal, scan)
         if self._signature is not None:
@@ -107,8 +106,9 @@ class Impairments:
         if self.errors.attitude > 0:
             reported[:, 4:] += rng.normal(0, 1, (len(pose), 2)) * self.errors.attitude
         if self._change.drift > 0:
-            for number, row in enumerate(reported, self._before):
-                drift = slow_change(self.seed, "navigation drift", number, (2,), _KNOT).real
+            for scan, row in enumerate(reported):
+                count = self._counted(scan)
+                drift = slow_change(self.seed, "navigation drift", count, (2,), _KNOT).real
                 row[:2] += math.sqrt(2) * self._change.drift * drift
         return reported
 
@@ -117,6 +117,10 @@ class Impairments:
         """Variance of the thermal noise of a sample."""
         level = self.errors.clutter_to_noise_db
         return 0.0 if level is None else float(self.reference / 10 ** (level / 10))
+
+    def _counted(self, scan: int) -> int:
+        """Return the number of a scan over all drives, by which its errors are drawn."""
+        return _DRIVE * (self._drive - 1) + scan
 
     def _draw_signature(self) -> ComplexArray:
         """Draw fixed echoes within the vehicle and its antennas (4, pair, frequency).
@@ -139,9 +143,9 @@ class Impairments:
         power = self.reference * 10 ** ((self.errors.self_signature_db or 0.0) / 10)
         return np.asarray(spectrum * math.sqrt(power), dtype=np.complex64)
 
-    def _drift(self, scan: int) -> ComplexArray:
-        """Return the slow relative change of the self-signature (4, pair, 1)."""
-        drift = slow_change(self.seed, "drift", scan, (4, self.pairs, 1), _KNOT)
+    def _drift(self, scan: int, name: str = "drift") -> ComplexArray:
+        """Return a slow relative change (4, pair, 1), by the name of its random stream."""
+        drift = slow_change(self.seed, name, scan, (4, self.pairs, 1), _KNOT)
         return np.asarray(self.errors.self_signature_drift * drift, dtype=np.complex64)
 
     def bursts(self, scan: int) -> ComplexArray:
@@ -170,10 +174,7 @@ class Impairments:
 
     def direct_drift(self, scan: int) -> ComplexArray:
         """Return the slow relative change of the direct wave (4, pair, 1)."""
-        drift = slow_change(
-            self.seed, "direct wave", scan + self._before, (4, self.pairs, 1), _KNOT
-        )
-        return np.asarray(self.errors.self_signature_drift * drift, dtype=np.complex64)
+        return self._drift(self._counted(scan), "direct wave")
 
     def interference_levels(self, scan: int) -> tuple[IndexArray, FloatArray]:
         """Return which tones continuous interference disturbs in a scan, and how strongly.

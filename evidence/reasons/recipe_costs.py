@@ -2,35 +2,34 @@
 
 One difference at a time is changed from ``wang2007-printed``, everywhere: on the lanes that train
 the classifiers and on those that are scored. Both sides of a difference are drawn alike, lanes,
-targets and stretches of lane.
+targets and stretches of lane. The numbers are the table ``wang2007/costs.csv`` of the docs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from flgpr.features import FEATURES, POLARIMETRIC
-from flgpr.scoring import Match, pd_mean, roc_of
+from flgpr.progress import Track
+from flgpr.scoring import Match
 from flgpr.scoring.bootstrap import make_design, make_scores, tails
 from flgpr.scoring.lane_roc import AreaRule
-from flgpr.scoring.matching import Subset
 from flgpr_papers.kit.intervals import SHARE_DIFFERENCE, Interval, clip, percentiles
-from flgpr_papers.wang2007.analysis import (
-    AREA,
-    FAR_MAX,
-    MINES,
-    FloatArray,
-    LaneResult,
-    Pool,
-    ranked,
-)
+from flgpr_papers.kit.settings import packaged_text
+from flgpr_papers.wang2007.analysis import AREA, FAR_MAX, MINES, LaneResult, Pool, ranked
 from flgpr_papers.wang2007.findings import SETS, blind_scores
+from flgpr_papers.wang2007.lanes import F1_BAND, f1_alone, sensor
+from flgpr_papers.wang2007.study import lane_result, lane_scenes, make_part
+from reasons.trials import Question, Trial
 
+CLAIM = "wang2007 finds as many mines as wang2007-printed"
 MEDIAN_STEP = 3
 """``background.median_step`` of the recipe wang2007."""
 DETECTORS = {"C_HH": ("C_HH_F1",), **SETS, "all ten": tuple(f"{name}_F1" for name in FEATURES)}
@@ -77,11 +76,38 @@ class Lanes(NamedTuple):
     blind: Sequence[LaneResult]
 
 
-def cost_table(printed: Lanes, coarse: Lanes, draws: int) -> pd.DataFrame:
+def cost_trials(folder: Path, quick: bool, world: str, track: Track) -> list[Trial]:
+    """Score the study's lanes by both recipes; a lane's result that is on disk is used.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the study.
+    quick, world, track
+        As the study runs.
+    """
+    scenes = lane_scenes(quick, world)
+    text = f1_alone(packaged_text("wang2007"))
+    coarse_text = text.replace("median_step = 1\n", f"median_step = {MEDIAN_STEP}\n")
+    calibration, blind = scenes
+    printed = Lanes(
+        *[[make_part(folder, name, quick, world, track) for name in one] for one in scenes]
+    )
+    coarse: dict[str, LaneResult] = {}
+    for name, (scene, seed) in (calibration | blind).items():
+        radar = sensor() if name in calibration else sensor(F1_BAND)
+        coarse[name] = lane_result(
+            folder, scene, seed, radar, coarse_text, track, wide=False, suffix="-coarse"
+        )
+    coarse_lanes = Lanes(*[[coarse[name] for name in one] for one in scenes])
+    return table_trials(printed, coarse_lanes, 100 if quick else 1000)
+
+
+def table_trials(printed: Lanes, coarse: Lanes, draws: int) -> list[Trial]:
     """Return what each difference costs every detector, on the calibration and on the blind lanes.
 
     On the calibration lanes each lane is scored by classifiers of the others (method C of the
-    paper), on the blind ones by those of all calibration lanes.
+    paper), on the blind ones by those of all calibration lanes. A positive cost is a loss.
 
     Parameters
     ----------
@@ -89,78 +115,40 @@ def cost_table(printed: Lanes, coarse: Lanes, draws: int) -> pd.DataFrame:
         Results with the printed recipe, and with the coarse median.
     draws : int
         Number of bootstrap draws.
-
-    Returns
-    -------
-    DataFrame
-        ``difference``, ``printed`` and ``changed``, what the entry says; ``detector``, ``lanes``;
-        ``targets``; ``alarms`` and ``alarms_changed``, numbers of them; ``pd_mean`` of actual mines
-        up to 0.1 per m² as printed and ``pd_mean_changed``; ``cost``, the first less the second,
-        with ``low`` and ``high``, its 95 % interval. A positive cost is a loss.
     """
-    before = _matches(printed, PRINTED)
-    rows = []
+    before = matches(printed, PRINTED)
+    trials = []
     for difference in DIFFERENCES:
-        after = _matches(coarse if difference.coarse else printed, difference)
+        changed = f"{difference.entry}: {difference.printed} to {difference.changed}"
+        after = matches(coarse if difference.coarse else printed, difference)
         for (detector, where), first in before.items():
             second = after[detector, where]
-            value, low, high = paired_cost(first, second, MINES, AREA, difference.area, draws)
-            rows.append(
-                {
-                    "difference": difference.entry,
-                    "printed": difference.printed,
-                    "changed": difference.changed,
-                    "detector": detector,
-                    "lanes": where,
-                    "targets": int((first.truth["kind"] != "simulant").sum()),
-                    "alarms": len(first.alarms),
-                    "alarms_changed": len(second.alarms),
-                    "pd_mean": pd_mean(roc_of(first, MINES, area=AREA), FAR_MAX),
-                    "pd_mean_changed": pd_mean(
-                        roc_of(second, MINES, area=difference.area), FAR_MAX
-                    ),
-                    "cost": value,
-                    "low": low,
-                    "high": high,
-                }
-            )
-    return pd.DataFrame(rows)
+            cost = paired_cost(first, second, difference.area, draws)
+            mines = int((first.truth["kind"] != "simulant").sum())
+            quantity = f"PD_mean as printed less that with the change, {detector}, {where} lanes"
+            trials.append(Question(CLAIM, quantity, f"{mines} mines").shown(changed, cost))
+    return trials
 
 
-def paired_cost(
-    first: Match,
-    second: Match,
-    subset: Subset,
-    first_area: AreaRule,
-    second_area: AreaRule,
-    draws: int,
-) -> Interval:
-    """Return PD_mean of one list of alarms less that of another, and its 95 % bootstrap interval.
+def paired_cost(first: Match, second: Match, area: AreaRule, draws: int) -> Interval:
+    """Return PD_mean of mines of one list of alarms less that of another, and its 95 % interval.
 
-    Lanes, targets and stretches of lane are drawn alike for both, which may have different rules of
-    FAR's area. As of :func:`flgpr.scoring.compare`, percentiles are expanded for few mines.
+    Lanes, targets and stretches of lane are drawn alike for both. As of
+    :func:`flgpr.scoring.compare`, percentiles are expanded for few mines.
 
     Parameters
     ----------
     first, second : Match
         Alarms matched to the same truth on the same lanes.
-    subset : dict or mask
-        The targets that count.
-    first_area, second_area : {"union", "paper"}
-        Rule of the area of each.
+    area : {"union", "paper"}
+        Rule of FAR's area of the second; that of the first is the paper's.
     draws : int
         Number of resamplings.
     """
-    designs = [
-        make_design(one, subset, area=area)
-        for one, area in ((first, first_area), (second, second_area))
-    ]
-    scores = [
-        make_scores(one, design, subset)
-        for one, design in zip((first, second), designs, strict=True)
-    ]
+    designs = [make_design(first, MINES, area=AREA), make_design(second, MINES, area=area)]
+    scores = [make_scores(first, designs[0], MINES), make_scores(second, designs[1], MINES)]
 
-    def difference(target: FloatArray, block: FloatArray) -> float:
+    def difference(target: NDArray[np.float64], block: NDArray[np.float64]) -> float:
         shares = [
             one.shares(FAR_MAX, block, float((block * design.block_area).sum()))
             for one, design in zip(scores, designs, strict=True)
@@ -175,7 +163,7 @@ def paired_cost(
     return clip(interval, SHARE_DIFFERENCE)
 
 
-def _matches(lanes: Lanes, difference: Difference) -> dict[tuple[str, str], Match]:
+def matches(lanes: Lanes, difference: Difference) -> dict[tuple[str, str], Match]:
     """Match the alarms of every detector on both kinds of lanes as a difference has them."""
     calibration, blind = [[_renamed(result, difference) for result in results] for results in lanes]
     pool = Pool(calibration)
@@ -183,12 +171,12 @@ def _matches(lanes: Lanes, difference: Difference) -> dict[tuple[str, str], Matc
     on_blind = blind_scores(calibration, blind, trained)
     (contrast,) = DETECTORS[UNTRAINED]
     on_blind[UNTRAINED] = ranked(blind, [result.features[contrast] for result in blind])
-    matches = {}
+    of_detector = {}
     for name, columns in DETECTORS.items():
         is_trained = name in trained
         values = pool.confidence(columns, "C") if is_trained else pool.features[contrast].to_numpy()
-        matches[name, "calibration"] = pool.match_of(values)
-    return matches | {(name, "blind"): on_blind[name] for name in DETECTORS}
+        of_detector[name, "calibration"] = pool.match_of(values)
+    return of_detector | {(name, "blind"): on_blind[name] for name in DETECTORS}
 
 
 def _renamed(result: LaneResult, difference: Difference) -> LaneResult:

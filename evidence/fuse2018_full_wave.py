@@ -1,23 +1,25 @@
-"""The suppression on the packaged full-wave lane: one band, three frames.
+"""The suppression of Fuse et al. 2018 on the packaged full-wave lane: one band, three frames.
 
-The thresholds come from simulated lanes of its kind. The full-wave data have a scale of their own,
-so thresholds are learnt and used in units of each image's median magnitude in each sub-region.
-Nothing else passes from one to the other, and the full-wave lane's truth is used only to measure
-what becomes of each object.
+``python evidence/fuse2018_full_wave.py`` prints the table of that lane in
+docs/evidence/papers/fuse2018.md and draws docs/images/fuse2018-fullwave.png. The thresholds come
+from simulated lanes of its kind. The full-wave data have a scale of their own, so thresholds are
+learnt and used in units of each image's median magnitude in each sub-region. Nothing else passes
+from one to the other, and the full-wave lane's truth is used only to measure what becomes of each
+object.
 """
 
 from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable
-from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from common import markdown
 from flgpr.clutter import (
     FrameStack,
     ThresholdCalibration,
@@ -32,11 +34,11 @@ from flgpr.clutter import (
 )
 from flgpr.imaging import ImagingOperator
 from flgpr.kernels.windows import hann
-from flgpr.model import Grid, Lane, Sensor, check_tones, vehicle_to_lane
-from flgpr.screen import prescreen
+from flgpr.model import Grid, Sensor, check_tones, vehicle_to_lane
+from flgpr.report import figure_png
 from flgpr.simulate import Scene, Simulator
-from flgpr.store import open_run, read_table, sample_lane
-from flgpr_papers.kit.settings import packaged_text
+from flgpr.store import open_run, read_table, sample_lane, write_whole
+from flgpr_papers.kit.figures import colour_bar, decibels, show, subplots
 
 HALF_WIDTH = 1.4
 """Half width of the imaged ground, m."""
@@ -48,85 +50,72 @@ ROADSIDES = {
 
 The lane of this run is 1 m to either side of the middle. The paper's roadside begins at 4 of 10 m.
 """
-LANE = Lane(-1.0, 1.0, 2.0, 6.2)
 # from 1.2 m ahead of the last frame's array on
 _GRID = Grid.spanning((-HALF_WIDTH, HALF_WIDTH), (2.56, 6.2), 0.025)
 _EDGES = np.linspace(2.56, 6.2, 5)
-# m, as for this lane elsewhere
-_HALO = 0.5
-_RADIUS = 0.375
-_DECLARED = tomllib.loads(packaged_text("fuse2018", "fullwave"))
+_DECLARED = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 _POLARIZATIONS = ("VV", "HH", "VH")
 _REACH = 0.4  # m about a body within which its response is measured
-Body = tuple[str, float, float]
-"""Name of a mine or object, and its position x and y, m."""
+_WORLDS = 24  # calibration lanes
+_PICTURE = Path(__file__).parents[1] / "docs" / "images" / "fuse2018-fullwave.png"
+_RANGE = 40.0  # dB shown
 
 
-@dataclass(frozen=True)
-class FullwaveStudy:
-    """What becomes of the lane."""
-
-    #: one row per roadside rule, method and object: change of the peak in HH and VV (dB), share of
-    #: the response masked, rank among the alarms in VV and false alarms above
-    table: pd.DataFrame
-    false: pd.DataFrame  #: one row per roadside rule and method: false alarms in the lane
-    images: dict[str, NDArray[Any]]  #: magnitudes and masks for the figure
-    worlds: int  #: number of calibration lanes
-
-
-def fullwave_study(quick: bool = False) -> FullwaveStudy:
-    """Clean the packaged full-wave lane by every method and roadside rule.
-
-    The thresholds come from simulated lanes with the same array and soil, in which the same kinds
-    of bodies lie at other positions.
-
-    Parameters
-    ----------
-    quick : bool
-        Few calibration lanes.
-    """
+def main() -> None:
+    """Clean the packaged full-wave lane by every method and roadside rule."""
     folder = sample_lane()
     run = open_run(folder / "run.zarr")
-    worlds = 6 if quick else 24
-    limits = _calibrate(run, worlds)
-    frames = _Frames(run)
+    limits = calibrate(run, _WORLDS)
+    frames = Frames(run)
+    bodies = []
     truth = read_table(folder / "truth.csv", "truth")
-    bodies = _bodies(truth, read_table(folder / "objects.csv", "objects"))
-    rows: list[dict[str, Any]] = []
-    false_rows: list[dict[str, Any]] = []
-    images: dict[str, NDArray[Any]] = {}
-    for rule, side in ROADSIDES.items():
-        mask = frames.mask(limits[rule], side)
-        for method, image in frames.clean(mask).items():
-            about = {"roadside": rule, "method": method}
-            alarms = _alarms(image[0], truth)
-            false_alarms = {
-                "false alarms": int((alarms["label"] == 0).sum()),
-                "masked": float(mask.mean()),
-            }
-            false_rows.append(about | false_alarms)
-            for body in bodies:
-                rows.append(about | _fate(body, frames.images, image, mask, alarms))
-            images[f"{rule}/{method}"] = np.abs(image[0])
-        images[f"{rule}/mask"] = mask
-    images["VV"] = np.abs(frames.images[0])
-    images["x"] = _GRID.x
-    images["y"] = _GRID.y
-    images["places"] = np.array([(x, y) for _, x, y in bodies], dtype=np.float64)
-    return FullwaveStudy(pd.DataFrame(rows), pd.DataFrame(false_rows), images, worlds)
-
-
-def _bodies(truth: pd.DataFrame, objects: pd.DataFrame) -> list[Body]:
-    """Return the mines and objects of the lane."""
-    bodies: list[Body] = []
     for kind, depth, x, y in truth[["kind", "depth", "x", "y"]].values:
         bodies.append((f"{kind} mine, {100 * depth:g} cm", x, y))
-    for kind, x, y in objects[["kind", "x", "y"]].to_numpy():
+    for kind, x, y in read_table(folder / "objects.csv", "objects")[["kind", "x", "y"]].to_numpy():
         bodies.append((kind, x, y))
-    return bodies
+    figure, panels = subplots(9.5, 5.8, 2, 4, sharex=True, sharey=True)
+    columns: dict[str, list[str]] = {}
+    for row, (rule, side) in zip(panels, ROADSIDES.items(), strict=True):
+        mask = frames.mask(limits[rule], side)
+        cleaned = frames.clean(mask)
+        for method, image in cleaned.items():
+            changes = [change_db(body[1:], frames.images, image) for body in bodies]
+            columns[f"{rule}, {method}"] = [f"{vv:+.1f} / {hh:+.1f}" for vv, hh in changes]
+        draw_rule(row, rule, mask, {"none": frames.images, **cleaned}, bodies)
+    names = [name for name, *_ in bodies]
+    head = ["change in VV / HH (dB)", *columns]
+    print(markdown(head, zip(names, *columns.values(), strict=True)))
+    for axes in panels[:, 0]:
+        axes.set_ylabel("y (m)")
+    for axes in panels[-1]:
+        axes.set_xlabel("x (m)")
+    colour_bar(panels, panels[0, 1].images[0], "dB under the VV peak")
+    write_whole(_PICTURE, figure_png(figure, 80))
 
 
-class _Frames:
+def draw_rule(
+    row: Any,
+    rule: str,
+    mask: NDArray[np.bool_],
+    images: dict[str, NDArray[np.complex64]],
+    bodies: list[tuple[str, float, float]],
+) -> None:
+    """Draw the mask of a roadside rule, and VV as it is and by two methods."""
+    extent = _GRID.x[0], _GRID.x[-1], _GRID.y[0], _GRID.y[-1]
+    show(row[0], mask, extent, 0, 1, cmap="gray")
+    row[0].set_title(f"mask, roadside {rule}", fontsize=9)
+    top = np.abs(images["none"][0]).max()
+    for axes, method in zip(row[1:], ("none", "iteration", "least squares"), strict=True):
+        level = decibels(np.abs(images[method][0]) / top)
+        show(axes, level, extent, -_RANGE, 0, cmap="viridis")
+        axes.set_title("VV as it is" if method == "none" else f"VV, {method}", fontsize=9)
+    for axes in row:
+        for mark, (_, x, y) in zip("^^^xs", bodies, strict=True):
+            edge = "C2" if mark == "^" else "C3"
+            axes.plot(x, y, mark, mfc="none", mec=edge, color="C3", ms=9)
+
+
+class Frames:
     """Frames of a run of this lane's array, imaged together."""
 
     def __init__(self, run: xr.Dataset) -> None:
@@ -175,7 +164,6 @@ class _Frames:
         if mask.any():
             fitted = suppress_by_model(data, self._stack(self.pixels[mask]), 20).data
         cleaned = {
-            "none": data,
             "iteration": averaged(shared, 6),
             "per frame": averaged_frames(iterated, 6),
             "least squares": fitted,
@@ -200,14 +188,14 @@ def _operator_on(
     return operator_on
 
 
-def _calibrate(run: xr.Dataset, worlds: int) -> dict[str, Thresholds]:
+def calibrate(run: xr.Dataset, worlds: int) -> dict[str, Thresholds]:
     """Learn the thresholds of every roadside rule on simulated lanes."""
     calibrations = {name: ThresholdCalibration(len(_EDGES) - 1) for name in ROADSIDES}
-    sensor = _sensor(run)
+    sensor = sensor_of(run)
     across = np.abs(_GRID.points()[..., 0])
     for seed in range(worlds):
         simulator = Simulator(_scene(run, seed), sensor, seed)
-        frames = _Frames(simulator.run())
+        frames = Frames(simulator.run())
         x = frames.pixels[..., 0]
         y = frames.pixels[..., 1]
         halos = []
@@ -221,7 +209,7 @@ def _calibrate(run: xr.Dataset, worlds: int) -> dict[str, Thresholds]:
     return {name: calibration.result() for name, calibration in calibrations.items()}
 
 
-def _sensor(run: xr.Dataset) -> Sensor:
+def sensor_of(run: xr.Dataset) -> Sensor:
     """Return the sensor of a full-wave run."""
     f = run["frequency"].values
     sensor = Sensor.model_validate(
@@ -267,51 +255,16 @@ def _scene(run: xr.Dataset, seed: int) -> Scene:
     )
 
 
-def _alarms(image: NDArray[np.complex64], truth: pd.DataFrame) -> pd.DataFrame:
-    """Return the alarms of a VV image in the lane, strongest first.
-
-    ``label`` is the number of the mine that an alarm hits, from 1, or 0 for none.
-    """
-    view = xr.DataArray(
-        np.abs(image).astype(np.float64), dims=("y", "x"), coords={"y": _GRID.y, "x": _GRID.x}
-    )
-    alarms = prescreen(view, LANE, _RADIUS)
-    alarms = alarms[LANE.contains(alarms["x"], alarms["y"])].reset_index(drop=True)
-    across = alarms[["x"]].to_numpy() - truth["x"].to_numpy()
-    along = alarms[["y"]].to_numpy() - truth["y"].to_numpy()
-    distance = np.hypot(across, along)
-    is_hit = distance.min(axis=1) <= _HALO
-    return alarms.assign(label=np.where(is_hit, distance.argmin(axis=1) + 1, 0))
-
-
-def _fate(
-    body: Body,
-    before: NDArray[np.complex64],
-    after: NDArray[np.complex64],
-    mask: NDArray[np.bool_],
-    alarms: pd.DataFrame,
-) -> dict[str, Any]:
-    """Return what becomes of a body's peak, and the share of its response that is masked."""
-    name, x, y = body
+def change_db(
+    place: tuple[float, float], before: NDArray[np.complex64], after: NDArray[np.complex64]
+) -> tuple[float, float]:
+    """Return what becomes of a body's peak in VV and HH, dB."""
     points = _GRID.points()
-    is_near = np.hypot(points[..., 0] - x, points[..., 1] - y) <= _REACH
-    changes = {}
-    for number, polarization in enumerate(("VV", "HH")):
-        peak_after = np.abs(after[number][is_near]).max()
-        peak_before = np.abs(before[number][is_near]).max()
-        changes[polarization] = 20 * np.log10(peak_after / peak_before)
-    magnitude = np.where(is_near, np.abs(before[0]), 0)
-    response = magnitude >= magnitude.max() / 2
-    hits = np.flatnonzero(np.hypot(alarms["x"] - x, alarms["y"] - y) <= _HALO)
-    rank = 0
-    false_above = -1
-    if hits.size and "mine" in name:
-        rank = int(hits[0]) + 1
-        false_above = int((alarms["label"].to_numpy()[: rank - 1] == 0).sum())
-    return {
-        "object": name,
-        **changes,
-        "masked": float(mask[response].mean()),
-        "rank": rank,
-        "above": false_above,
-    }
+    is_near = np.hypot(points[..., 0] - place[0], points[..., 1] - place[1]) <= _REACH
+    peaks = [np.abs(image[:2, is_near]).max(axis=1) for image in (before, after)]
+    vv, hh = 20 * np.log10(peaks[1] / peaks[0])
+    return float(vv), float(hh)
+
+
+if __name__ == "__main__":
+    main()

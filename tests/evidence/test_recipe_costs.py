@@ -1,4 +1,4 @@
-"""What a difference between the printed recipe and another costs."""
+"""What a difference between the printed recipe and another costs, evidence/reasons/recipe_costs.py."""
 
 from dataclasses import replace
 
@@ -15,7 +15,8 @@ from flgpr_papers.wang2007.analysis import (
     LaneResult,
     matched,
 )
-from flgpr_papers.wang2007.costs import DIFFERENCES, paired_cost
+from reasons.recipe_costs import DIFFERENCES, Lanes, paired_cost, table_trials
+from wang2007_lane import fake_lane
 
 pytestmark = pytest.mark.slow("studies of papers")
 
@@ -69,13 +70,36 @@ def test_the_cost_is_the_difference_of_pd_mean_with_either_area():
     behind = 1 - 1 / left / 0.1
     told = pd_mean(roc_of(second, MINES, area="paper"), FAR_MAX)
     assert told == pytest.approx((1 + behind) / 2)
-    value, low, high = paired_cost(first, second, MINES, "paper", "paper", 200)
+    value, low, high = paired_cost(first, second, "paper", 200)
     assert value == pytest.approx((1 - behind) / 2)
     assert 0 <= low <= value <= high <= 1
-    assert paired_cost(first, first, MINES, "paper", "paper", 50) == (0, 0, 0)
+    assert paired_cost(first, first, "paper", 50) == (0, 0, 0)
     # Mines on the edge: the paper counts halos whole, the union what of them lies in the lane: its
     # area is larger.
     edge = second.truth.assign(x=1.0)
     placed = replace(second, truth=edge)
-    value, *_ = paired_cost(placed, placed, MINES, "paper", "union", 50)
+    value, *_ = paired_cost(placed, placed, "union", 50)
     assert value == pytest.approx((1 / (100 - np.pi) - 1 / left) / 0.1 / 2, abs=1e-3)
+
+
+def test_the_costs_of_what_nobody_reads_are_zero():
+    lanes = Lanes([fake_lane(f"c{seed}", seed) for seed in range(3)], [fake_lane("b1", 5)])
+    # The very same lanes stand for the coarse ones.
+    trials = table_trials(lanes, lanes, 20)
+    assert len(trials) == 5 * 4 * 2
+    cost = {}
+    for one in trials:
+        _, detector, where = one.quantity.split(", ")
+        cost[one.changed.split(":")[0], detector, where.split()[0]] = one.interval
+        assert one.sample == ("21 mines" if "calibration" in where else "7 mines")
+    untouched = {
+        "background.median_step": ("C_HH", "A", "B", "all ten"),
+        "features.gain": ("C_HH", "A"),
+        "features.psi": ("C_HH", "A", "B"),
+    }
+    for entry, names in untouched.items():
+        for detector in names:
+            assert cost[entry, detector, "calibration"] == (0, 0, 0)
+            assert cost[entry, detector, "blind"] == (0, 0, 0)
+    assert cost["features.gain", "B", "calibration"][0] != 0
+    assert cost["features.psi", "all ten", "calibration"][0] != 0
