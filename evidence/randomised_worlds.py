@@ -24,7 +24,7 @@ from flgpr.recipe.schema import recipe_text
 from flgpr.simulate import Scene
 from flgpr.simulate.scene.randomised import draw_into, load_worlds
 from flgpr.store import read_table, write_table
-from flgpr_ground.running import read_ground
+from flgpr_ground.lanes import read_ground
 
 DECLARED = Path(__file__).with_suffix(".toml")
 _BESIDE = ("-lane.toml", "-truth.csv")
