@@ -73,7 +73,7 @@ def test_pictures_before_and_after_have_one_frame_and_one_scale(tmp_path):
     assert before_and_after(result) is None
     main = result.detections[0]
     cleaned = replace(main, name="cleaned", view=0.5 * main.view, notes={"mask_pixels": 3})
-    before, after = before_and_after(replace(result, detections=[main, cleaned]))
+    before, after, _ = before_and_after(replace(result, detections=[main, cleaned]))
     assert before.get_size_inches().tolist() == after.get_size_inches().tolist()
     assert before.axes[0].get_position().bounds == after.axes[0].get_position().bounds
     assert before.axes[0].get_xlim() == after.axes[0].get_xlim()

@@ -4,27 +4,12 @@ import numpy as np
 import pytest
 
 import flgpr
+from driven_twice import FREQUENCY, OLD, drive
 from flgpr.method.method import detect
-from flgpr.model import make_run
 from flgpr.recipe.make import with_earlier
 from flgpr.recipe.schema import parse_recipe, recipe_text
 from flgpr.store import save_run
-from small_lane import LANE, LANE_TOML, RX, TARGETS, TX, course, echoes, scatterers, small_recipe
-
-FREQUENCY = 0.75e9 + 1.11e9 / 74 * np.arange(74)
-OLD = TARGETS[:1]
-
-
-def drive(seed, targets, offset=0.0, scans=13, frequency=FREQUENCY):
-    """Make a drive over the same ground, with poses and noise of its own."""
-    rng = np.random.default_rng(seed)
-    pose = course(rng, 0.6 * np.arange(scans) - 0.5 + 0.2 * rng.random(scans), 0.05)
-    places, matrix = scatterers(np.random.default_rng(12), targets)
-    matrix = matrix.copy()
-    matrix[: len(matrix) - len(targets)] *= 3  # clutter in which single looks find little
-    signal = echoes(rng, frequency, pose, places, matrix)
-    pose[:, 0] += offset
-    return make_run(signal, frequency, ["HH", "VV", "HV"], TX, RX, pose)
+from small_lane import LANE, LANE_TOML, TARGETS, small_recipe
 
 
 def recipe():

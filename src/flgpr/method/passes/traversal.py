@@ -21,6 +21,7 @@ from flgpr.engine import Accumulator, PlannedPass, bundle_groups, group_of
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.steps import CleanedImages
 from flgpr.stages import FeatureStage, Named
+from flgpr.stages.earlier import EarlierRuns
 from flgpr.store import sha256
 from flgpr.types import AnyArray, Arrays, ComplexArray, Float32Array, FloatArray, floats
 
@@ -86,6 +87,19 @@ class ImagedScan:
         """The cleaned image with its phase, a gain of each polarization's own."""
         coherent = self._lane.background.own_coherent(self.near_image.values, self.gain)
         return self.near_image.copy(data=coherent)
+
+    def of_day(self, day: str) -> Float32Array:
+        """Return the magnitude (polarization, subband, y, x) before the background is removed.
+
+        It is that of "today", from which nothing is subtracted that earlier drives predict, or that
+        of the "earlier" drive on the same ground, NaN where none lies near.
+        """
+        image = self.near_image.values
+        earlier = self._lane.earlier
+        if not isinstance(earlier, EarlierRuns):
+            return np.abs(image)
+        of_day = earlier.days[day][:, : image.shape[-2]]
+        return np.abs(of_day).reshape(image.shape)
 
     @cached_property
     def cleaned(self) -> CleanedImages:
