@@ -51,13 +51,14 @@ def test_images_are_those_of_the_stored_run_where_it_knows_no_more(today, before
     """What stands still is given: only the stored run knows that of the scans to come."""
     stored = ImagedRun(today, RECIPE, LANE, others={"before": before})
     detector = start(today, before)
+    bands = [list(RECIPE.image.subbands).index(name) for name in detector.steps.subbands]
     compared = 0
     for number, scan in enumerate(scans[:16]):
         ready, field = detector.earlier.is_ready, detector.earlier.state()["mean"]
         live = detector._image(scan)
         if ready:
             stored.results[STANDING] = {"field": field}
-            image = stored.scan_image(number).values
+            image = stored.scan_image(number).isel(subband=bands, y=slice(live.shape[-2])).values
             assert np.abs(live - image).max() < 1e-5 * np.abs(image).max()
             compared += 1
         detector.add(scan)

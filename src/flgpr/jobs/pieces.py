@@ -17,6 +17,8 @@ from functools import lru_cache
 from itertools import zip_longest
 from typing import Any
 
+import xarray as xr
+
 from flgpr import system
 from flgpr.door import read_named
 from flgpr.engine import Engine, block_name, worker_state

@@ -95,7 +95,7 @@ def causal_steps(
             needed.add(band_of_column[name])
 
     # Stages are handed images of all sub-bands.
-    needs_all = bool(feature_stages) or recipe.map is not None or bool(recipe.clutter)
+    needs_all = bool(feature_stages) or recipe.map is not None
     subbands = [band for band in recipe.image.subbands if needs_all or band in needed]
     labels = list(recipe.image.polarizations) or description.polarization
     polarimetric = []

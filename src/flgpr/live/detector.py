@@ -124,11 +124,7 @@ class LiveDetector:
         stages: dict[str, Stage] = {}
         if recipe.columns or recipe.clutter or recipe.map is not None:
             stages = build_stages(description, recipe, self.lane, self.model, others)
-        #: what subtracts what earlier drives predict; None without them
-        self.earlier: EarlierDrives | None = None
         earlier = stages.pop("clutter.earlier", None)
-        if isinstance(earlier, EarlierRuns):
-            self.earlier = EarlierDrives(earlier, self.settings.span)
         maps = [stage for stage in stages.values() if isinstance(stage, MapStage)]
         self.mapper = maps[0] if maps else None
         self.steps = causal_steps(description, recipe, self.model, stages)
@@ -139,6 +135,13 @@ class LiveDetector:
         # rows that the background of the rows that count depends on
         reach = self.grid.ny + median_rows // 2 + mean_rows // 2
         self._rows = min(reach, image.grid().ny)
+        # All are imaged to tell how far drives are moved onto each other.
+        self._subbands = self.steps.subbands if earlier is None else list(image.subbands)
+        #: what subtracts what earlier drives predict; None without them
+        self.earlier: EarlierDrives | None = None
+        if isinstance(earlier, EarlierRuns):
+            wanted = [self._subbands.index(name) for name in self.steps.subbands]
+            self.earlier = EarlierDrives(earlier, wanted, self._rows, self.settings.span)
         self._pixels = image.grid().points()
         self._taper = image.weights(description.frequency)
         labels = list(description.polarization)
@@ -447,7 +450,7 @@ class LiveDetector:
                     vehicle_to_scan(radar.tx_position, pose),
                     vehicle_to_scan(radar.rx_position, pose),
                     self._pixels,
-                    [table.subbands[name] for name in self.steps.subbands],
+                    [table.subbands[name] for name in self._subbands],
                     table.tolerance,
                     window=self._taper,
                     device=table.device,

@@ -6,11 +6,14 @@ vehicle is the mean of the scans before, where a stored run has the median over 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import xarray as xr
 
 from flgpr.clutter import subtract_standing
 from flgpr.clutter.causal import LEAST_WARM_UP
+from flgpr.jit.threads import blas_on_one_thread
 from flgpr.stages.earlier import EarlierRuns
 from flgpr.types import Arrays, ComplexArray, FloatArray
 
@@ -24,12 +27,20 @@ class EarlierDrives:
     ----------
     stage : EarlierRuns
         The recipe's stage.
+    subbands : sequence of int
+        Those of the images' sub-bands that are wanted.
+    rows : int
+        Nearest rows of the images that are wanted.
     span : int, optional
         Scans with which the mean of what stands still fades; by default it is over all.
     """
 
-    def __init__(self, stage: EarlierRuns, span: int | None = None) -> None:
+    def __init__(
+        self, stage: EarlierRuns, subbands: Sequence[int], rows: int, span: int | None = None
+    ) -> None:
         self.stage = stage
+        self._subbands = subbands
+        self._rows = rows
         self._span = span
         self.begin()
 
@@ -58,16 +69,26 @@ class EarlierDrives:
         return subtract_standing(signal, self._mean) if self.is_ready else signal
 
     def of_image(self, image: ComplexArray, pose: FloatArray) -> ComplexArray:
-        """Return the image (polarization, subband, y, x) of cleaned data less what is predicted."""
+        """Return what is wanted of the image of cleaned data less what is predicted.
+
+        Parameters
+        ----------
+        image : (polarization, subband, y, x) ndarray of complex
+            Image of all sub-bands.
+        pose : (6,) ndarray
+            The scan's pose.
+        """
+        part = image[:, self._subbands, : self._rows]
         if not self.is_ready:
-            return image
+            return part
         labelled = xr.DataArray(image, dims=_AXES, attrs={"pose": pose})
-        left: ComplexArray = self.stage.of_image(0, labelled).values
+        with blas_on_one_thread():  # as of a stored run: its threads would wait for one another
+            left: ComplexArray = self.stage.of_part(labelled, self._subbands, self._rows).values
         self.scans += 1
         self.is_alone = self.stage.is_alone(pose)
         self.alone += self.is_alone
         if not self.is_alone:
-            self._power += [np.vdot(image, image).real, np.vdot(left, left).real]
+            self._power += [np.vdot(part, part).real, np.vdot(left, left).real]
         return left
 
     def sentences(self) -> list[str]:

@@ -168,7 +168,7 @@ def read_layer(files: Folder, name: str, channel: xr.DataArray) -> xr.DataArray 
 def shown_stage(recipe: Recipe) -> str:
     """Return what a recipe's run-view shows: suppression is named only where clutter is removed."""
     if "clutter.earlier" in recipe.named():
-        return "changes since an earlier drive"
+        return "what has changed"
     if recipe.map is not None:
         return f"map by {recipe.map.stage}"
     if _removes_clutter(recipe):

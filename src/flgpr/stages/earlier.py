@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Annotated, Any, ClassVar
 
@@ -119,8 +119,16 @@ class EarlierRuns(ClutterStage):
         """Return the data without what stands still on the vehicle."""
         return subtract_standing(data, self.setup.results[STANDING]["field"])
 
-    def of_image(self, index: int, image: xr.DataArray) -> xr.DataArray:
+    def of_image(self, index: int, image: xr.DataArray) -> xr.DataArray:  # noqa: ARG002
         """Return the image of a scan less what earlier drives predict."""
+        return self.of_part(image, range(image.sizes["subband"]), image.sizes["y"])
+
+    def of_part(self, image: xr.DataArray, subbands: Sequence[int], rows: int) -> xr.DataArray:
+        """Return the nearest rows of some sub-bands of an image less what earlier drives predict.
+
+        The whole image, with its pose, tells how far the drives are moved onto each other.
+        """
+        part = image.isel(subband=list(subbands), y=slice(rows))
         looks = list(self._looks(floats(image.attrs["pose"]), image.sizes["y"]))
         values = image.values.reshape(-1, *image.shape[-2:])
         earlier = [self._on(values, look)[0] for look in looks]
@@ -129,17 +137,21 @@ class EarlierRuns(ClutterStage):
             "earlier": earlier[0] if earlier else np.full_like(values, np.nan),
         }
         if not earlier:
-            return image
-        return image.copy(data=(values - self._prediction(values, earlier)).reshape(image.shape))
+            return part
+        channels = np.arange(len(values)).reshape(image.shape[:2])[:, subbands].ravel()
+        prediction = self._prediction(values[channels], [one[channels] for one in earlier], rows)
+        return part.copy(data=part.values - prediction.reshape(part.shape))
 
-    def _prediction(self, values: ComplexArray, earlier: list[ComplexArray]) -> ComplexArray:
-        """Predict all channels (channel, y, x) of an image."""
+    def _prediction(
+        self, values: ComplexArray, earlier: list[ComplexArray], rows: int | None = None
+    ) -> ComplexArray:
+        """Predict the nearest rows of channels (channel, y, x) of an image."""
         grid = self.setup.imager.grid
         stretch = (round(self.settings.stretch / grid.dy), round(self.settings.stretch / grid.dx))
         channels = []
         for number, channel in enumerate(values):
             of_channel = [look[number] for look in earlier]
-            channels.append(predicted(channel, of_channel, stretch, self.settings.reach))
+            channels.append(predicted(channel, of_channel, stretch, self.settings.reach, rows))
         return np.stack(channels)
 
     def _on(self, values: ComplexArray, look: ComplexArray) -> tuple[ComplexArray, FloatArray]:
