@@ -55,7 +55,9 @@ def test_a_result_of_one_drive_has_no_such_button(watch, shown):
 @pytest.mark.parametrize("size", [(1440, 900), (820, 1180), (390, 844)])
 def test_a_live_page_says_that_alarms_are_changes(watch, serving, tmp_path, size):
     feeder = Feeder(tmp_path)
-    words = "what an earlier drive predicts is subtracted, so what lay there then does not stand out"
+    words = (
+        "what an earlier drive predicts is subtracted, so what lay there then does not stand out"
+    )
     feeder.give(lane_of(2.0) | {"notes": [words]}, scan(0, 0.0), scan(1, 1.0))
     feeder.give({"event": "counts", "without_earlier": 7})
     with serving([], live=tmp_path) as viewer:

@@ -13,7 +13,6 @@ import xarray as xr
 
 from flgpr.clutter import subtract_standing
 from flgpr.clutter.causal import LEAST_WARM_UP
-from flgpr.jit.threads import blas_on_one_thread
 from flgpr.stages.earlier import EarlierRuns
 from flgpr.types import Arrays, ComplexArray, FloatArray
 
@@ -82,8 +81,7 @@ class EarlierDrives:
         if not self.is_ready:
             return part
         labelled = xr.DataArray(image, dims=_AXES, attrs={"pose": pose})
-        with blas_on_one_thread():  # as of a stored run: its threads would wait for one another
-            left: ComplexArray = self.stage.of_part(labelled, self._subbands, self._rows).values
+        left: ComplexArray = self.stage.of_part(labelled, self._subbands, self._rows).values
         self.scans += 1
         self.is_alone = self.stage.is_alone(pose)
         self.alone += self.is_alone

@@ -147,7 +147,8 @@ class ImagedRun:
         if self.mapper is not None:
             self.mapper.substitute = lambda: "own" if self.replaces_map else ""
         self.screener = self._first_stage(ScreenStage)
-        self.earlier = self.clutter_stages.get("clutter.earlier")
+        #: the stage that subtracts what earlier drives predict; None without it
+        self.earlier: Any = self.clutter_stages.get("clutter.earlier")
         self.columns = [stage for stage in self.stages.values() if isinstance(stage, FeatureStage)]
         image_stages = {}
         for name, stage in self.stages.items():

@@ -13,6 +13,7 @@ from pydantic import Field
 from flgpr.clutter import moved, offset_between, predicted, standing_field, subtract_standing
 from flgpr.engine import Accumulator, PlannedPass, append_accumulator
 from flgpr.imaging import ScanImager
+from flgpr.jit.threads import blas_on_one_thread
 from flgpr.model import Grid, lane_to_scan, scan_to_lane
 from flgpr.stages import ClutterStage, Positive, Table
 from flgpr.stages.standing import StandingSettings, standing_pass
@@ -149,9 +150,10 @@ class EarlierRuns(ClutterStage):
         grid = self.setup.imager.grid
         stretch = (round(self.settings.stretch / grid.dy), round(self.settings.stretch / grid.dx))
         channels = []
-        for number, channel in enumerate(values):
-            of_channel = [look[number] for look in earlier]
-            channels.append(predicted(channel, of_channel, stretch, self.settings.reach, rows))
+        with blas_on_one_thread():  # of products as small as these its threads wait for one another
+            for number, channel in enumerate(values):
+                of_channel = [look[number] for look in earlier]
+                channels.append(predicted(channel, of_channel, stretch, self.settings.reach, rows))
         return np.stack(channels)
 
     def _on(self, values: ComplexArray, look: ComplexArray) -> tuple[ComplexArray, FloatArray]:

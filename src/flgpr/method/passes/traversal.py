@@ -21,7 +21,6 @@ from flgpr.engine import Accumulator, PlannedPass, bundle_groups, group_of
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.steps import CleanedImages
 from flgpr.stages import FeatureStage, Named
-from flgpr.stages.earlier import EarlierRuns
 from flgpr.store import sha256
 from flgpr.types import AnyArray, Arrays, ComplexArray, Float32Array, FloatArray, floats
 
@@ -96,7 +95,7 @@ class ImagedScan:
         """
         image = self.near_image.values
         earlier = self._lane.earlier
-        if not isinstance(earlier, EarlierRuns):
+        if earlier is None:
             return np.abs(image)
         of_day = earlier.days[day][:, : image.shape[-2]]
         return np.abs(of_day).reshape(image.shape)
