@@ -153,7 +153,8 @@ def read_layer(files: Folder, name: str, channel: xr.DataArray) -> xr.DataArray 
         return None
     wanted = [name, *(str(channel[label].values) for label in ("polarization", "subband"))]
     for layer in check_view_index(files.json("view/index.json"))["layers"]:
-        if [layer.get(entry) for entry in ("detection", "polarization", "subband")] == wanted:
+        shows = [layer.get(entry) for entry in ("detection", "polarization", "subband")]
+        if shows == wanted and layer["levels"]:
             data = files.read(f"view/{layer['levels'][0]['file']}")
             if len(data) != 2 * channel.size:
                 raise ValueError(
