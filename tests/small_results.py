@@ -1,18 +1,22 @@
 """A result folder as detection would write it, of three alarms and a few pixels."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import xarray as xr
 
 from flgpr.method.detection import Detection
 from flgpr.model import Lane
+from flgpr.recipe.make import with_earlier
 from flgpr.recipe.schema import recipe_text
 from flgpr.results.result import write_result
 
 LANE = Lane(-1.0, 1.0, 2.0, 4.0)
 
 
-def small_result(folder, classifier=None, **described):
+def small_result(folder, classifier=None, days=False, **described):
+    """Write the result; with ``days`` it has an earlier drive, with a gain of its own."""
     alarms = pd.DataFrame(
         {
             "alarm_id": ["a", "b", "c"],
@@ -38,5 +42,11 @@ def small_result(folder, classifier=None, **described):
     detection = Detection(
         "main", "as it stands", alarms, view, {"confidence": "C_HH_F1"}, features=features
     )
+    text = recipe_text("wang2007")
+    if days:
+        detection = replace(
+            detection, before=2 * view, earlier=6 * view[..., ::-1, :].assign_coords(y=y)
+        )
+        text = with_earlier(text)
     run = {"title": "small", "scans": 0, "masked_scans": [], **described}
-    return write_result(folder, [detection], recipe_text("wang2007"), LANE, run, classifier)
+    return write_result(folder, [detection], text, LANE, run, classifier)

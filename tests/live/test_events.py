@@ -110,7 +110,8 @@ def test_the_event_of_a_scan_names_its_outcome_and_when_it_came():
 def test_the_event_of_the_start_says_what_is_searched():
     prescreen = SimpleNamespace(polarization="HH", subband="F1")
     recipe = SimpleNamespace(name="own", prescreen=prescreen)
-    detector = SimpleNamespace(recipe=recipe, lane=None, view_grid=lambda: {"dx": 0.1})
+    grid = {"dx": 0.1}
+    detector = SimpleNamespace(recipe=recipe, lane=None, earlier=None, view_grid=lambda: grid)
     event = start_event("a drive", detector, None, Vehicle(threshold=0.5))
     assert (event["title"], event["recipe"], event["threshold"]) == ("a drive", "own", 0.5)
     assert event["channel"] == ["HH", "F1"]

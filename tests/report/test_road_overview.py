@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
+import pytest
 
 from flgpr.model import Lane
 from flgpr.report.overview import alarm_overview, before_and_after, is_short, score_overview
 from flgpr.results.result import read_result
+from flgpr.results.view_files import read_layer
 from flgpr.scoring import Rules, score
 from small_results import small_result
 
@@ -68,12 +70,25 @@ def test_alarms_without_truth_are_larger_where_they_are_surer():
     assert not is_short(LANE)
 
 
+def test_the_road_at_an_earlier_drive_and_today_has_one_colour_in_the_median(tmp_path):
+    result = read_result(small_result(tmp_path / "result", days=True))
+    then, now, caption = before_and_after(result)
+    drawn = [figure.axes[0].collections[0].get_array() for figure in (then, now)]
+    np.testing.assert_allclose(drawn[0], drawn[1][:, ::-1], atol=0.02)
+    assert "left of the line at the earlier drive, right of it today" in caption
+    view = result.detections[0].view[0, 0]
+    np.testing.assert_allclose(read_layer(result.files(), "before", view), 2 * view, rtol=2e-3)
+    assert read_layer(result.files(), "other", view) is None
+    with pytest.raises(ValueError, match="layer before must have 40 bytes for 20 pixels, got 50"):
+        read_layer(result.files(), "before", view[1:])
+
+
 def test_pictures_before_and_after_have_one_frame_and_one_scale(tmp_path):
     result = read_result(small_result(tmp_path / "result"))
     assert before_and_after(result) is None
     main = result.detections[0]
     cleaned = replace(main, name="cleaned", view=0.5 * main.view, notes={"mask_pixels": 3})
-    before, after = before_and_after(replace(result, detections=[main, cleaned]))
+    before, after, _ = before_and_after(replace(result, detections=[main, cleaned]))
     assert before.get_size_inches().tolist() == after.get_size_inches().tolist()
     assert before.axes[0].get_position().bounds == after.axes[0].get_position().bounds
     assert before.axes[0].get_xlim() == after.axes[0].get_xlim()

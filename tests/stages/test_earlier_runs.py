@@ -1,30 +1,17 @@
 """The stage `earlier` subtracts what earlier drives over the road predict: what was laid since stands out."""
 
+import json
+
 import numpy as np
 import pytest
 
 import flgpr
+from driven_twice import FREQUENCY, OLD, drive
 from flgpr.method.method import detect
-from flgpr.model import make_run
 from flgpr.recipe.make import with_earlier
 from flgpr.recipe.schema import parse_recipe, recipe_text
 from flgpr.store import save_run
-from small_lane import LANE, LANE_TOML, RX, TARGETS, TX, course, echoes, scatterers, small_recipe
-
-FREQUENCY = 0.75e9 + 1.11e9 / 74 * np.arange(74)
-OLD = TARGETS[:1]
-
-
-def drive(seed, targets, offset=0.0, scans=13, frequency=FREQUENCY):
-    """Make a drive over the same ground, with poses and noise of its own."""
-    rng = np.random.default_rng(seed)
-    pose = course(rng, 0.6 * np.arange(scans) - 0.5 + 0.2 * rng.random(scans), 0.05)
-    places, matrix = scatterers(np.random.default_rng(12), targets)
-    matrix = matrix.copy()
-    matrix[: len(matrix) - len(targets)] *= 3  # clutter in which single looks find little
-    signal = echoes(rng, frequency, pose, places, matrix)
-    pose[:, 0] += offset
-    return make_run(signal, frequency, ["HH", "VV", "HV"], TX, RX, pose)
+from small_lane import LANE, LANE_TOML, TARGETS, small_recipe
 
 
 def recipe():
@@ -57,6 +44,24 @@ def test_what_was_laid_since_outranks_what_was_there_before(drives):
     assert found.notes["scans_without_earlier"] == 0
 
 
+def decibels_at(view, target):
+    """Return the strongest pixel within 0.3 m of a target, dB over the median."""
+    channel = view[0, 0]
+    x, y = target
+    near = channel.sel(x=slice(x - 0.3, x + 0.3), y=slice(y - 0.3, y + 0.3))
+    return 20 * np.log10(near.max().item() / np.nanmedian(channel))
+
+
+def test_both_days_show_what_is_old_and_their_difference_does_not(drives):
+    before, today = drives
+    found = detect(today, parse_recipe(recipe()), LANE, others={"before": before})
+    both = [decibels_at(view, OLD[0]) for view in (found.before, found.earlier)]
+    assert min(both) > 10
+    assert decibels_at(found.view, OLD[0]) < min(both) - 5
+    assert all(decibels_at(found.view, target) > 8 for target in TARGETS[1:])
+    assert detect(today, parse_recipe(small_recipe()), LANE).earlier is None
+
+
 def test_tracks_that_are_off_are_moved_onto_each_other(drives):
     before, _ = drives
     today = drive(2, TARGETS, offset=0.15)
@@ -83,6 +88,15 @@ def test_detect_takes_earlier_runs_by_one_option_and_says_how_they_fit(drives, t
     assert run["others"]["before"]["path"].endswith("before.zarr")
     said = run["stands_out"]["notes"][1]
     assert "what an earlier drive predicts is subtracted, so what lay there then does not" in said
+    index = json.loads((tmp_path / "result" / "view" / "index.json").read_text())
+    assert {one["detection"]: one["stage"] for one in index["layers"]} == {
+        "before": "today",
+        "earlier": "earlier drive",
+        "main": "what has changed",
+    }
+    assert "at the earlier drive, right of it today" in (
+        tmp_path / "result" / "report.html"
+    ).read_text(encoding="utf-8")
     assert flgpr.replay(tmp_path / "result")["identical"]
 
 
@@ -91,6 +105,10 @@ def test_scans_that_no_earlier_one_lies_near_are_counted(drives):
     first_half = before.isel(scan=slice(4))
     found = detect(today, parse_recipe(recipe()), LANE, others={"before": first_half})
     assert found.notes["scans_without_earlier"] > 2
+    unseen = np.isnan(found.earlier[0, 0]).mean("x").values
+    assert unseen[0] == 0
+    assert unseen[-1] == 1
+    assert not np.isnan(found.before).any()
 
 
 @pytest.mark.parametrize(

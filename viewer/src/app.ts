@@ -3,7 +3,7 @@ import type { Colours } from "./colour";
 import { COLOUR_MAPS } from "./colormaps";
 import { drawBackdrop, type Backdrop } from "./backdrop";
 import { drawComparison, rasters } from "./compare";
-import { detectionOf, loadEvidence, setLabel, Tiles } from "./data";
+import { detectionOf, EARLIER, loadEvidence, setLabel, Tiles } from "./data";
 import { checkRadio, colour, digits, el, fitted, fixed, make, options } from "./dom";
 import { Following } from "./following";
 import { extentOf } from "./geo";
@@ -67,6 +67,8 @@ export class App implements Page {
   private readonly scored: boolean;
   evidence: { key: string; values: Float32Array | null } = { key: "", values: null };
   private blinking: number | undefined;
+  /** The set of picture A from before days were compared. */
+  private shownSet = "";
 
   constructor(
     readonly sources: Source[],
@@ -131,6 +133,8 @@ export class App implements Page {
     if (layers.length && !layers.some((one) => one.polarization === choice.polarization)) choice.polarization = layers[0]!.polarization;
     if (layers.length && !layers.some((one) => one.subband === choice.subband)) choice.subband = layers[0]!.subband;
     this[side] = choice;
+    // Days are compared in one channel.
+    if (side === "a" && this.betweenDays && change.set === undefined) this.b = { ...choice, set: EARLIER };
     if (this.detection !== before) this.detectionChanged();
     else if (side === "b") this.scoresChanged();
     this.showChoices();
@@ -142,12 +146,32 @@ export class App implements Page {
     this.compare = compare;
     this.flipped = false;
     clearInterval(this.blinking);
+    this.blinking = undefined;
     if (compare === "blink" && !window.matchMedia("(prefers-reduced-motion: reduce)").matches)
       this.blinking = window.setInterval(() => this.flip(), 700);
     checkRadio("compare", compare);
     this.showChoices();
     this.scoresChanged();
     this.say(compare === "off" ? "Picture A only" : `Compare A with B: ${compare}`);
+  }
+
+  private get betweenDays(): boolean {
+    return this.compare === "blink" && this.a.set === "before" && this.b.set === EARLIER && this.a.source === this.b.source;
+  }
+
+  /** Blink between today and the earlier drive; the next time, show again what was shown before. */
+  days(): void {
+    if (el("days").hidden) return;
+    if (!this.betweenDays) {
+      this.shownSet = this.a.set;
+      this.choose("a", { set: "before" });
+      this.choose("b", { ...this.a, set: EARLIER });
+      this.setCompare("blink");
+    } else if (this.blinking === undefined && !this.flipped) this.flip();
+    else {
+      this.setCompare("off");
+      this.choose("a", { set: this.shownSet });
+    }
   }
 
   flip(): void {
@@ -175,6 +199,8 @@ export class App implements Page {
     el("choice-a").hidden = !layered && !this.source.index.scored;
     el("display").hidden = !layered;
     el("choice-b").hidden = this.compare === "off";
+    el("days").hidden = !this.source.index.layers.some((one) => one.detection === EARLIER);
+    el("days").setAttribute("aria-pressed", String(this.betweenDays));
     document.querySelector<HTMLElement>('[aria-label="Compare A with B"]')!.hidden = !layered;
   }
 
@@ -508,7 +534,7 @@ export class App implements Page {
     drawComparison(this, pen);
     context.restore();
     this.picture.axes(pen, palette);
-    if (this.source.index.layers.length) colourBar(pen, box, this.colours, palette, box.top + 166);
+    if (this.source.index.layers.length) colourBar(pen, box, this.colours, palette, box.top + el("zoom").offsetHeight + 14);
     this.showBadge();
     if (whole && !this.marked && box.width > 10) {
       this.marked = true;

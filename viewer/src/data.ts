@@ -56,11 +56,14 @@ export function detectionOf(source: Source, set: string): Detection | undefined 
   return source.index.detections.find((one) => one.name === set) ?? source.index.detections[0];
 }
 
+/** The set of run-views of an earlier drive. */
+export const EARLIER = "earlier";
+
 /** What a set of run-views is called on the page: variants by their names, the others by what they show. */
 export function setLabel(source: Source, name: string): string {
   const { detections, layers } = source.index;
   const stage = layers.find((one) => one.detection === name)?.stage.replace("clutter ", "");
-  return stage && (name === "before" || name === detections[0]?.name) ? stage : name;
+  return stage && (name === "before" || name === EARLIER || name === detections[0]?.name) ? stage : name;
 }
 
 const MOST_TILES = 600;

@@ -23,6 +23,7 @@ const THEMES = { light: "Day", night: "Night", sun: "Sun" };
 type Theme = keyof typeof THEMES;
 const WORDS: Record<Word, string> = { clear: "Clear", slow: "Slow", brake: "Brake", stop: "Stop", over: "Over an alarm" };
 /** What a probability holds under: its prior is the share of mines among what the model was trained on. */
+const CHANGES = "what lay there before is not shown";
 const PRIOR = "if mines lie as thick as in training";
 
 /** The driver's screen: one instruction, and the road that it is about. */
@@ -197,7 +198,7 @@ export class Drive {
     const chance = known ? chances(known) : "";
     el("drive-chances").classList.toggle("unlike", unlike);
     el("drive-chances").textContent = isBlind ? "" : unlike ? "Ground unlike the training: p does not hold" : chance;
-    el("drive-prior").textContent = !isBlind && !unlike && chance ? PRIOR : "";
+    el("drive-prior").textContent = isBlind ? "" : live.changes ? CHANGES : !unlike && chance ? PRIOR : "";
     const inTheWay = isBlind || !scene ? [] : scene.places.filter((one) => counts(scene.numbers, one));
     const latest = alarm ?? inTheWay[0] ?? null;
     this.answers.offer(latest);

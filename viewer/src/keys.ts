@@ -40,6 +40,7 @@ export const KEYS: Key[] = [
   { keys: ["j"], shown: "", words: "", act: (app) => app.scrub.step(1) },
   { keys: ["b"], shown: "B", words: "blink A and B", act: (app) => app.setCompare(app.compare === "blink" ? "off" : "blink") },
   { keys: ["s"], shown: "S", words: "swipe between A and B", act: (app) => app.setCompare(app.compare === "swipe" ? "off" : "swipe") },
+  { keys: ["w"], shown: "W", words: "blink between today and the earlier drive", act: (app) => app.days() },
   { keys: ["x"], shown: "X", words: "flip A and B once", act: (app) => app.compare === "blink" && app.flip() },
   { keys: ["["], shown: "[ ]", words: "move the swipe line", act: (app) => divide(app, -0.04) },
   { keys: ["]"], shown: "", words: "", act: (app) => divide(app, 0.04) },

@@ -3,6 +3,7 @@ import { el, fixed, make } from "./dom";
 import { counts, instruct, type Instruction, type Numbers, type Place } from "./instruct";
 import { History, type LiveAlarm, type LiveRows, type Moment } from "./history";
 import type { Detection, Georeference, Grid, Lane } from "./types";
+import { sentences } from "./words";
 
 interface Event {
   event?: string;
@@ -64,6 +65,7 @@ const FAULTS: Record<string, string> = {
   held: "held back",
   restarts: "new beginnings elsewhere",
   clock: "with a wrong clock",
+  without_earlier: "beside every earlier drive",
   refused: "refused",
   missing: "missing",
 };
@@ -136,6 +138,8 @@ export class Live {
   counts: Record<string, number> = {};
   /** What is said of ground that is unlike that of the model's training; empty where confidences hold. */
   unlike: string[] = [];
+  /** What alarms are, where earlier drives are subtracted; else empty. */
+  changes = "";
   private offset = 0;
   private scans = new Set<number>();
   private bad = 0;
@@ -309,6 +313,7 @@ export class Live {
     this.bad = 0;
     this.counts = {};
     this.unlike = [];
+    this.changes = "";
     this.problem = "";
     this.wrong = this.halted = null;
     this.found.clear();
@@ -367,6 +372,7 @@ export class Live {
     if (grid && [grid.x, grid.y, grid.nx, grid.dx, grid.dy].every(number)) this.grid = { ...grid, ny: 0 };
     if (Array.isArray(event.channel)) this.channel = [String(event.channel[0]), String(event.channel[1])];
     this.georeference = event.georeference ?? null;
+    this.changes = Array.isArray(event.notes) ? event.notes.map(String).join("; ") : "";
     const { vehicle = {} } = event;
     this.stated = number(vehicle["speed"]) ? vehicle["speed"] : null;
     const values = NUMBERS.map((name) => [name, vehicle[name]] as const);
@@ -469,6 +475,7 @@ export class Live {
     const words = `${this.scans.size} scans, ${this.alarms.size} alarms${late}${here ? `; vehicle at y ${fixed(here.y, 1)} m` : ""}${missing}${this.ended ? "; ended" : ""}`;
     const parts: (Node | string)[] = [make("h2", {}, `Live ${this.title}`), make("p", { id: "live-words" }, words)];
     if (this.at) parts.push(make("p", { id: "live-then" }, `Gone back to scan ${this.at.scan}: vehicle, alarms and run-view as they were then`));
+    if (this.changes) parts.push(make("p", { id: "live-changes" }, make("em", {}, sentences([this.changes]))));
     const [unlike, ...differences] = this.unlike;
     if (unlike) parts.push(make("p", { id: "live-unlike", title: differences.join("; ") }, make("em", {}, `${unlike.charAt(0).toUpperCase()}${unlike.slice(1)}.`)));
     const { vehicle } = this;

@@ -55,6 +55,7 @@ function wireButtons(app: App): void {
   click("zoom-true", () => app.trueScale());
   click("turn", () => app.turn());
   click("follow", () => app.following.set(!app.following.on));
+  click("days", () => app.days());
   click("previous", () => app.step(-1));
   click("next", () => app.step(1));
   click("close", () => app.select(null));

@@ -61,7 +61,11 @@ def moved(image: ComplexArray, rows: int, columns: int) -> ComplexArray:
 
 
 def predicted(
-    image: ComplexArray, earlier: Sequence[ComplexArray], stretch: tuple[int, int], reach: int = 1
+    image: ComplexArray,
+    earlier: Sequence[ComplexArray],
+    stretch: tuple[int, int],
+    reach: int = 1,
+    rows: int | None = None,
 ) -> ComplexArray:
     """Predict an image from earlier ones, stretch by stretch.
 
@@ -77,11 +81,13 @@ def predicted(
         Size of a stretch along y and along x, pixels.
     reach : int
         Copies are moved by up to so many pixels along each axis.
+    rows : int, optional
+        The first rows that are wanted; by default all.
 
     Returns
     -------
     (y, x) ndarray of complex64
-        The prediction.
+        The prediction, of the rows that are wanted.
 
     Raises
     ------
@@ -100,20 +106,22 @@ def predicted(
         )
     total = np.zeros(image.shape, np.complex64)
     weights = np.zeros(image.shape, np.float32)
-    for rows in _stretches(image.shape[0], stretch[0]):
+    for part in _stretches(image.shape[0], stretch[0]):
+        if rows is not None and part.start >= rows:
+            break
         for columns in _stretches(image.shape[1], stretch[1]):
-            of_copies = copies[:, rows, columns]
+            of_copies = copies[:, part, columns]
             basis = of_copies[:, ::_THINNED, ::_THINNED].reshape(len(copies), -1)
-            wanted = image[rows, columns][::_THINNED, ::_THINNED].ravel()
+            wanted = image[part, columns][::_THINNED, ::_THINNED].ravel()
             normal = basis.conj() @ basis.T
             diagonal = np.trace(normal).real / len(copies)
             if diagonal > 0:
                 normal += LOADING * diagonal * np.eye(len(copies), dtype=normal.dtype)
                 factors = np.linalg.solve(normal, basis.conj() @ wanted)
-                blend = np.outer(*(_blend(part.stop - part.start) for part in (rows, columns)))
-                total[rows, columns] += np.tensordot(factors, of_copies, 1) * blend
-                weights[rows, columns] += blend
-    return np.asarray(total / np.where(weights > 0, weights, 1), np.complex64)
+                blend = np.outer(*(_blend(axis.stop - axis.start) for axis in (part, columns)))
+                total[part, columns] += np.tensordot(factors, of_copies, 1) * blend
+                weights[part, columns] += blend
+    return np.asarray(total / np.where(weights > 0, weights, 1), np.complex64)[:rows]
 
 
 def _stretches(pixels: int, size: int) -> Iterator[slice]:

@@ -241,6 +241,7 @@ def detect(
     from flgpr.jobs.survey import detect_survey, lane_names
     from flgpr.recipe.make import recipe_or_fitted, with_earlier
     from flgpr.results.result import Survey
+    from flgpr.stages.earlier import before_names
 
     run_list = one_or_more(runs)
     is_one = isinstance(runs, str) or not isinstance(runs, Sequence)
@@ -272,8 +273,7 @@ def detect(
     if earlier and not is_one:
         raise ValueError(f"before must be given for a single run, got {len(run_list)} runs")
     if is_one:
-        names = ["before", *(f"before-{number}" for number in range(2, len(earlier) + 1))]
-        beside_it = other_runs[0] | dict(zip(names, earlier, strict=False))
+        beside_it = other_runs[0] | dict(zip(before_names(len(earlier)), earlier, strict=True))
         with RunLocations(run_list[0], output, beside_it) as place:
             text = recipe_or_fitted(recipe, place.run, model, options.max_memory)
             if earlier:

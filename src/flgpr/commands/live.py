@@ -20,7 +20,9 @@ from flgpr.commands.options import (
     OVERWRITE_HELP,
     AnchorOption,
     PathLike,
+    Paths,
     lane_option,
+    one_or_more,
     output_option,
 )
 from flgpr.commands.shell import Arguments, ErrorStreamText, command
@@ -154,6 +156,7 @@ def live(
     rate: float | None = None,
     worth: float = 0.1,
     mcap: bool = False,
+    before: Paths | None = None,
     fresh: Annotated[bool, Option("--overwrite", "--fresh", help=OVERWRITE_HELP)] = False,
     *,
     emit: Callable[[str], Any] | None = None,
@@ -189,6 +192,9 @@ def live(
         Trained classifier.
     lane
     anchor
+    before
+        Earlier run of the same road; may repeat. What they predict is subtracted: what has changed
+        stands out.
 
     Detection
     ---------
@@ -255,6 +261,7 @@ def live(
         incoming=None if played is not None else incoming,
         socket=socket,
         model=model,
+        before=one_or_more(before),
         lane=lane,
         anchor=anchor,
         settings=LiveSettings(looks, warm_up, span),

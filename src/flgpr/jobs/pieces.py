@@ -17,6 +17,8 @@ from functools import lru_cache
 from itertools import zip_longest
 from typing import Any
 
+import xarray as xr
+
 from flgpr import system
 from flgpr.door import read_named
 from flgpr.engine import Engine, block_name, worker_state
@@ -230,9 +232,6 @@ def open_lane(job: LaneJob) -> tuple[ImagedRun, Checkpoint]:
     truth = None if truth_data is None else parse_table(truth_data, "truth", job.truth[0])
     recipe = parse_recipe(job.recipe)
     run = without(open_run(job.run, job.max_memory), job.left_out)
-    others = {}
-    for (name, path, _), left_out in zip_longest(job.others, job.left_out_of_others):
-        others[name] = without(open_run(path, job.max_memory), left_out or LeftOut())
     work = Checkpoint(job.work, job.largest)
     results = work.with_shared(job.shared)
     lane = ImagedRun(
@@ -242,12 +241,20 @@ def open_lane(job: LaneJob) -> tuple[ImagedRun, Checkpoint]:
         model=model,
         results=results,
         section=job.section,
-        others=others,
+        others=other_runs(job),
         truth=truth,
         explains=job.explains,
         trust=job.trust,
     )
     return lane, work
+
+
+def other_runs(job: LaneJob) -> dict[str, xr.Dataset]:
+    """Open the runs that a job takes together with its own, by name."""
+    others = {}
+    for (name, path, _), left_out in zip_longest(job.others, job.left_out_of_others):
+        others[name] = without(open_run(path, job.max_memory), left_out or LeftOut())
+    return others
 
 
 def _read_as_seen(job: LaneJob) -> tuple[bytes | None, bytes | None]:

@@ -20,7 +20,7 @@ from flgpr.door import refuse_links
 from flgpr.jit.threads import blas_on_one_thread
 from flgpr.jobs.driver import passes_of_lane
 from flgpr.jobs.job import LaneJob, absolute, code_versions, model_digest
-from flgpr.jobs.pieces import report
+from flgpr.jobs.pieces import other_runs, report
 from flgpr.jobs.workers import Executor, RunOptions
 from flgpr.live import forecast
 from flgpr.live.detector import LiveDetector, LiveSettings
@@ -330,7 +330,12 @@ class _Training:
             for lane in self.lanes:
                 run = open_run(lane.job.run, lane.job.max_memory)
                 detector = LiveDetector(
-                    describe_for_live(run), self.recipe, lane.area, self.model, settings
+                    describe_for_live(run),
+                    self.recipe,
+                    lane.area,
+                    self.model,
+                    settings,
+                    other_runs(lane.job),
                 )
                 followed.extend(forecast.follow(detector, run))
             arrays, notes = forecast.learn(followed)

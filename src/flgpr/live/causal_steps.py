@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from itertools import product
 
 import numpy as np
+import xarray as xr
 
 from flgpr.features import FEATURES, POLARIMETRIC
 from flgpr.method.imaged_run import setup_of
@@ -15,6 +16,7 @@ from flgpr.method.steps import Steps, check_confidence
 from flgpr.model import Lane
 from flgpr.recipe.schema import RANKS, Recipe, course_lane
 from flgpr.stages import FeatureStage, Stage
+from flgpr.stages.earlier import EarlierRuns
 from flgpr.stages.named import make_stages
 from flgpr.store import RunDescription, Scan, as_run
 
@@ -31,7 +33,10 @@ def check_causal(recipe: Recipe) -> None:
     """
     reasons = recipe.not_live_because()
     if reasons:
-        raise ValueError(f"recipe {recipe.name!r} cannot run live: {'; '.join(reasons)}")
+        raise ValueError(
+            f"recipe {recipe.name!r} cannot run live: {'; '.join(reasons)}; give another recipe, or "
+            "run `flgpr detect` once the drive is stored"
+        )
 
 
 def causal_steps(
@@ -120,7 +125,11 @@ def _deciding_columns(recipe: Recipe, model: Model) -> tuple[str, ...]:
 
 
 def build_stages(
-    description: RunDescription, recipe: Recipe, lane: Lane | None, model: Model
+    description: RunDescription,
+    recipe: Recipe,
+    lane: Lane | None,
+    model: Model,
+    others: Mapping[str, xr.Dataset] | None = None,
 ) -> dict[str, Stage]:
     """Build the recipe's stages before any scan came.
 
@@ -136,11 +145,13 @@ def build_stages(
         The lane; None for one along the first course, without an end.
     model : Model
         What the recipe has learnt.
+    others : mapping of str to xarray.Dataset, optional
+        Runs taken together with it, by the names that the recipe gives them.
 
     Returns
     -------
     dict of str to Stage
-        The stages by name.
+        The stages by name, the clutter stage "earlier" among them.
 
     Raises
     ------
@@ -150,8 +161,10 @@ def build_stages(
     silence = np.zeros(description.shape, np.complex64)
     run = as_run(description, Scan(0, math.nan, np.zeros(6), silence))
     ground = lane or course_lane(recipe, np.zeros((1, 6)), WITHOUT_END)
-    setup, _ = setup_of(run, recipe, ground, {})
+    setup, _ = setup_of(run, recipe, ground, {}, others)
     stages = make_stages(recipe.named(), setup, model.stages)
+    for entry in recipe.clutter:  # check_causal lets no other pass
+        stages["clutter.earlier"] = EarlierRuns(entry.settings, setup)
     columns: list[str] = []
     for stage in stages.values():
         if isinstance(stage, FeatureStage):

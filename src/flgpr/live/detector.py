@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -25,6 +25,7 @@ from flgpr.clutter.causal import LEAST_SPAN, LEAST_WARM_UP
 from flgpr.imaging import ImagingOperator
 from flgpr.live.alarm_book import AlarmBook, SeenDensity
 from flgpr.live.causal_steps import WITHOUT_END, build_stages, causal_steps, check_causal
+from flgpr.live.earlier_drives import EarlierDrives
 from flgpr.live.event_types import ViewGrid
 from flgpr.live.ground import RunningGround
 from flgpr.live.updates import LiveAlarm, LiveUpdate, last_states
@@ -41,6 +42,7 @@ from flgpr.screen import (
     view_array,
 )
 from flgpr.stages import MapStage, Stage
+from flgpr.stages.earlier import EarlierRuns
 from flgpr.store import RunDescription, Scan
 from flgpr.types import Arrays, ComplexArray, FloatArray
 
@@ -89,12 +91,14 @@ class LiveDetector:
         confidence.
     settings : LiveSettings, optional
         Scans before an alarm, warm-up and least step.
+    others : mapping of str to xarray.Dataset, optional
+        Earlier runs of the road, "before", "before-2" and so on, for the stage "earlier".
 
     Raises
     ------
     ValueError
-        If the recipe cannot run live, or needs channels that the radar lacks or a model that is not
-        given.
+        If the recipe cannot run live, or needs channels that the radar lacks, a model that is not
+        given, or earlier runs that are not given or of another radar.
     """
 
     def __init__(
@@ -104,6 +108,7 @@ class LiveDetector:
         lane: Lane | None = None,
         model: Model | Detector | None = None,
         settings: LiveSettings | None = None,
+        others: Mapping[str, xr.Dataset] | None = None,
     ) -> None:
         self.description = description
         self.recipe = recipe
@@ -117,8 +122,9 @@ class LiveDetector:
         unlearnt(recipe, self.model)
 
         stages: dict[str, Stage] = {}
-        if recipe.columns or recipe.map is not None:
-            stages = build_stages(description, recipe, self.lane, self.model)
+        if recipe.columns or recipe.clutter or recipe.map is not None:
+            stages = build_stages(description, recipe, self.lane, self.model, others)
+        earlier = stages.pop("clutter.earlier", None)
         maps = [stage for stage in stages.values() if isinstance(stage, MapStage)]
         self.mapper = maps[0] if maps else None
         self.steps = causal_steps(description, recipe, self.model, stages)
@@ -129,6 +135,13 @@ class LiveDetector:
         # rows that the background of the rows that count depends on
         reach = self.grid.ny + median_rows // 2 + mean_rows // 2
         self._rows = min(reach, image.grid().ny)
+        # All are imaged to tell how far drives are moved onto each other.
+        self._subbands = self.steps.subbands if earlier is None else list(image.subbands)
+        #: what subtracts what earlier drives predict; None without them
+        self.earlier: EarlierDrives | None = None
+        if isinstance(earlier, EarlierRuns):
+            wanted = [self._subbands.index(name) for name in self.steps.subbands]
+            self.earlier = EarlierDrives(earlier, wanted, self._rows, self.settings.span)
         self._pixels = image.grid().points()
         self._taper = image.weights(description.frequency)
         labels = list(description.polarization)
@@ -149,6 +162,8 @@ class LiveDetector:
         self.background = CausalBackground(
             *self.recipe.smoothing, settings.span, settings.warm_up, self._rows
         )
+        if self.earlier is not None:
+            self.earlier.begin()
         self.first_pose: FloatArray | None = None
         self.history: list[CleanedImages] = []  # of scans that still see ground ahead
         # features of the latest alarms, from all of these scans
@@ -278,7 +293,11 @@ class LiveDetector:
             if moved < self.settings.least_step:
                 return LiveUpdate("still", [])
         image = self._image(scan)
-        gain, background = self.background.add(image)  # refuses an image that cannot be used
+        background = None
+        if self.earlier is None or self.earlier.is_ready:
+            gain, background = self.background.add(image)  # refuses an image that cannot be used
+        if self.earlier is not None:
+            self.earlier.learn(scan.signal)
         if self.first_pose is None:
             self.first_pose = pose
             self._report_aliases(pose)
@@ -415,7 +434,10 @@ class LiveDetector:
         return course_lane(self.recipe, self.first_pose[None], WITHOUT_END)
 
     def _image(self, scan: Scan) -> ComplexArray:
-        """Image a scan; the operator is used again while height and attitude stay the same."""
+        """Image a scan; the operator is used again while height and attitude stay the same.
+
+        What earlier drives predict is subtracted.
+        """
         pose = np.asarray(scan.pose, np.float64)
         key = tuple(pose[[2, 4, 5]])
         if self._operator is None or self._operator[0] != key:
@@ -428,13 +450,15 @@ class LiveDetector:
                     vehicle_to_scan(radar.tx_position, pose),
                     vehicle_to_scan(radar.rx_position, pose),
                     self._pixels,
-                    [table.subbands[name] for name in self.steps.subbands],
+                    [table.subbands[name] for name in self._subbands],
                     table.tolerance,
                     window=self._taper,
                     device=table.device,
                 ),
             )
-        return np.asarray(self._operator[1].adjoint(scan.signal[self._imaged]), np.complex64)
+        signal = scan.signal if self.earlier is None else self.earlier.clean(scan.signal)
+        image = np.asarray(self._operator[1].adjoint(signal[self._imaged]), np.complex64)
+        return image if self.earlier is None else self.earlier.of_image(image, pose)
 
     def _reach(self, pose: FloatArray) -> tuple[float, float]:
         """Return the first and the last lane y that a scan can see."""

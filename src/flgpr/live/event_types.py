@@ -79,6 +79,7 @@ class StartEvent(TypedDict):
     georeference: Any  #: what ties the lane to the Earth; null where nothing does
     threshold: float | None  #: confidence from which an alarm counts; null: all count
     vehicle: VehicleEntries
+    notes: NotRequired[list[str]]  #: what alarms are, where earlier drives are subtracted
 
 
 class ScanEvent(TypedDict):

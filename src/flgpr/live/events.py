@@ -296,7 +296,7 @@ def start_event(
     lane = detector.lane
     stated_vehicle = vehicle.model_dump(exclude={"threshold"})
     stated_vehicle["stopping_distance"] = vehicle.stopping_distance
-    return {
+    event: StartEvent = {
         "event": "start",
         "title": title,
         "recipe": detector.recipe.name,
@@ -307,6 +307,9 @@ def start_event(
         "threshold": vehicle.threshold,
         "vehicle": cast("VehicleEntries", stated_vehicle),
     }
+    if detector.earlier is not None:
+        event["notes"] = [detector.earlier.stage.changes]
+    return event
 
 
 def scan_event(scan: Scan, outcome: SettledOutcome, arrived: float, latency: float) -> ScanEvent:

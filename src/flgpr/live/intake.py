@@ -44,6 +44,7 @@ COUNTS = {
     "held": "scans held back at the end, until others agree with their pose",
     "restarts": "times that detection started anew where positions had moved to",
     "clock": "scans whose time is out of order with the scan before; used all the same",
+    "without_earlier": "scans that no earlier drive lies near; nothing was subtracted from them",
     "refused": "scans whose image could not be used; left out",
     "missing": "numbers between the first and the last scan that never came",
     "senders_refused": "senders on the socket that were refused, "

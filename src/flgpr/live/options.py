@@ -5,6 +5,7 @@ How a live run went: counts, alarms, and the time from a scan to its alarms.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,8 @@ class LiveOptions:
     incoming: PathLike | None = None
     socket: PathLike | None = None  #: unix socket to listen on
     model: PathLike | None = None  #: what the recipe's stages have learnt
+    #: earlier runs of the road: what they predict is subtracted, and alarms are what has changed
+    before: Sequence[PathLike] = ()
     lane: PathLike | None = None  #: TOML of the lane
     anchor: PathLike | None = None  #: TOML that ties the lane to the Earth
     settings: LiveSettings = field(default_factory=LiveSettings)

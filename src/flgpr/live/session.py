@@ -18,22 +18,25 @@ import os
 import queue
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
+import xarray as xr
 
 import flgpr
 from flgpr.door import Folder, refuse_links
 from flgpr.geo import own_anchor, read_anchor
+from flgpr.health.of_run import health_of_run, without
 from flgpr.live.alarm_reports import AlarmReporter
 from flgpr.live.causal_steps import check_causal
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.event_types import (
     EndEvent,
     Event,
+    ProblemEvent,
     ResumeEvent,
 )
 from flgpr.live.events import (
@@ -68,17 +71,20 @@ from flgpr.method.model import Model, parse_model, read_model, unlearnt
 from flgpr.method.unlike import Comparison, why_not
 from flgpr.model import Lane
 from flgpr.model.vehicle import Vehicle
-from flgpr.recipe.make import fit_recipe
+from flgpr.recipe.make import fit_recipe, with_earlier
 from flgpr.recipe.schema import Recipe, parse_recipe, recipe_text
+from flgpr.stages.earlier import BEFORE, before_names
 from flgpr.store import (
     RunDescription,
     Scan,
     ScanFileError,
     as_run,
     canonical_json,
+    open_run,
     parse_description,
     read_description,
     read_lane,
+    read_manifest,
     sha256,
 )
 from flgpr.store.answers import ANSWER_FILE, drop_answers
@@ -87,6 +93,7 @@ from flgpr.store.notes import log_note
 from flgpr.store.outputs import locked_folder, log_finished
 from flgpr.store.scan_file import RUN_FILE
 from flgpr.store.writing import write_table
+from flgpr.types import PathLike
 
 _NO_POSE = "left out: no scan with a pose has come yet, and a recipe needs the array's height"
 _TICK = 0.1  # s between checks of the clock while nothing comes
@@ -96,6 +103,11 @@ LIVE_RECORDING = "live.mcap"  # made of the events when the run has ended, where
 _MOST_LATENCIES = 10_000  # of which percentiles are reported
 # Counts of what is as it should be; the others are faults.
 _NO_FAULT = ("received", "taken", "warm_up")
+# By whether no earlier drive covers the road.
+_COVER = {
+    True: "no earlier drive lies near from here on: nothing is subtracted, what is old stands out, too",
+    False: "earlier drives cover the road again",
+}
 
 
 class LiveRun:
@@ -129,6 +141,9 @@ class LiveRun:
             model_data = read_model(options.model)
             digest = sha256(model_data)
             self._model = parse_model(model_data, options.model)
+        names = before_names(len(options.before))
+        self._before = {name: _usable(run) for name, run in zip(names, options.before, strict=True)}
+        self._is_alone = False  # whether the newest scan lies near none of an earlier drive
         self._recipe: Recipe | None = None
         self._lane: Lane | None = None if options.lane is None else read_lane(options.lane)
         if options.anchor is not None:
@@ -140,6 +155,8 @@ class LiveRun:
             "flgpr": flgpr.__version__,
             "settings": asdict(options.settings),
         }
+        if options.before:
+            self._identity["before"] = [read_manifest(run)["sha256"] for run in options.before]
         self.output = Path(options.output)
         self.inbox = Inbox()
         self._latency: list[float] = []
@@ -153,7 +170,11 @@ class LiveRun:
         self._fingerprint = ""
         self._started = False
         if options.recipe is not None:
-            self._use_recipe(recipe_text(options.recipe), str(options.recipe))
+            self._use_recipe(self._text_for(recipe_text(options.recipe)), str(options.recipe))
+
+    def _text_for(self, text: str) -> str:
+        """Return the text of a recipe as it is used, with the stage of earlier drives."""
+        return with_earlier(text) if self._before else text
 
     def _use_recipe(self, text: str, source: str) -> Recipe:
         """Check that the recipe of a text can work scan by scan with the model, and use it."""
@@ -170,7 +191,7 @@ class LiveRun:
 
         It is kept in the output folder, from where a later process takes it.
         """
-        text = fit_recipe(as_run(description, scan), begins=True)
+        text = self._text_for(fit_recipe(as_run(description, scan), begins=True))
         recipe = self._use_recipe(text, "fitted")
         write_whole(self.output / RECIPE_FILE, text)
         words = f"no recipe was given: {RECIPE_FILE} was made for this run and is used"
@@ -374,7 +395,9 @@ class LiveRun:
         description = intake.description
         self._fingerprint = sha256(canonical_json(self._identity | {"run": description.run_id}))
         check_scan_memory(description.shape, recipe)
-        detector = LiveDetector(description, recipe, self._lane, self._model, self.options.settings)
+        detector = LiveDetector(
+            description, recipe, self._lane, self._model, self.options.settings, self._before
+        )
         if snapshot is not None:
             self._names = restore_snapshot(snapshot, detector, intake, self._fingerprint)
             self._alarms.resume(detector.alarms.open)
@@ -385,7 +408,7 @@ class LiveRun:
         cannot_judge = why_not(self._model.ground)
         if cannot_judge and (self._model.detector is not None or self._model.stages):
             log_note("; ".join(Comparison(cannot=cannot_judge).notes()))
-        rehearse(description, recipe, self._model)
+        rehearse(description, recipe, self._model, self._before)
         intake.health.lane = self._lane or (None if recipe.lane is None else recipe.lane.lane())
         self._detector = detector
         self._intake = intake
@@ -429,6 +452,7 @@ class LiveRun:
             lines += self._update_events(scan, update, arrival, detector, intake)
         if problem:
             lines.append(problem_event(arrival.name, problem))
+        lines += self._cover_events(detector, intake)
         if _faults(counts_before) != _faults(intake.counts):
             lines.append({"event": "counts", **intake.counts})
         events.append(lines)
@@ -499,6 +523,17 @@ class LiveRun:
         intake.judged(scan.number, update.outcome, None if update.anew else newest)
         return update, update.words
 
+    def _cover_events(self, detector: LiveDetector, intake: Intake) -> list[ProblemEvent]:
+        """Return the event that earlier drives cover the road no more, or again; count such scans."""
+        earlier = detector.earlier
+        if earlier is None:
+            return []
+        intake.counts["without_earlier"] = earlier.alone
+        if earlier.is_alone == self._is_alone:
+            return []
+        self._is_alone = earlier.is_alone
+        return [problem_event(BEFORE, _COVER[earlier.is_alone])]
+
     def _snapshot(self) -> Snapshot:
         """Return the state of detector and intake."""
         if self._detector is None or self._intake is None:
@@ -528,6 +563,10 @@ class LiveRun:
         if self._frames >= 2:
             rate = (self._frames - 1) / (self._moments[-1] - self._moments[0])
         report = LiveReport(counts, latency_percentiles(self._latency), len(table), rate)
+        if detector.earlier is not None:
+            fit = detector.earlier.sentences()
+            events.append([problem_event(BEFORE, sentence) for sentence in fit])
+            log_note("; ".join(fit))
         end: EndEvent = {"event": "end", "alarms": len(table), "latency": report.latency_ms}
         events.append([{**end, **counts}])
         stated_rate = rate if np.isfinite(rate) else None
@@ -536,15 +575,27 @@ class LiveRun:
         return report
 
 
-def rehearse(description: RunDescription, recipe: Recipe, model: Model) -> None:
+def rehearse(
+    description: RunDescription,
+    recipe: Recipe,
+    model: Model,
+    others: Mapping[str, xr.Dataset] | None = None,
+) -> None:
     """Run noise through a separate detector: all is compiled and loaded before the first scan."""
-    detector = LiveDetector(description, recipe, None, model, LiveSettings(looks=1, warm_up=3))
+    settings = LiveSettings(looks=1, warm_up=3)
+    detector = LiveDetector(description, recipe, None, model, settings, others)
     rng = np.random.default_rng(0)
-    for number in range(5):
+    for number in range(8):
         noise = rng.standard_normal((2, *description.shape), dtype=np.float32)
         pose = np.array([0.0, float(number), 2.0, 0.0, 0.0, 0.0])
         signal = (noise[0] + 1j * noise[1]).astype(np.complex64)
         detector.add(Scan(number, float("nan"), pose, signal))
+
+
+def _usable(path: PathLike) -> xr.Dataset:
+    """Open a run without the pairs and tones that are broken, as a detection of it would."""
+    run = open_run(path)
+    return without(run, health_of_run(run).left_out)
 
 
 def _recipe_vehicle(options: LiveOptions) -> Vehicle:

@@ -102,6 +102,8 @@ def take_snapshot(
     }
     if detector.ground is not None:
         groups["ground"] = detector.ground.state()
+    if detector.earlier is not None:
+        groups["earlier"] = detector.earlier.state()
     for number, held_scan in detector.held.items():
         groups[f"held{number}"] = {"signal": held_scan.signal}
     groups["health"] = of_health
@@ -210,6 +212,8 @@ def _restore(
     detector.view = group("view")
     if detector.ground is not None:
         detector.ground.restore(group("ground"))
+    if detector.earlier is not None:
+        detector.earlier.restore(group("earlier"))
     detector.history = []
     for position, number in enumerate(header["history"]):
         detector.history.append(CleanedImages(number, **group(f"scan{position}")))

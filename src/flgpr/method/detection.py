@@ -41,6 +41,7 @@ class Detection:
     training: pd.DataFrame | None = None  #: features of the training alarms, with their ``label``
     evidence: Evidence | None = None  #: what explains the alarms, for the viewer
     before: xr.DataArray | None = None  #: run-view before clutter suppression, for the viewer
+    earlier: xr.DataArray | None = None  #: run-view of an earlier drive, for the viewer
     #: alarms of every scan's own image, and the pose of each scan by its number, where the recipe
     #: scores by frames
     frames: tuple[pd.DataFrame, dict[int, FloatArray]] | None = None
@@ -149,6 +150,7 @@ def assemble(lane: ImagedRun, ranked: RankedAlarms) -> Detection:
             "contributions": _contributions(lane, ranked, evidence),
             "evidence": evidence,
             "before": lane.view("before"),
+            "earlier": None if lane.earlier is None else lane.view("earlier"),
         }
     return Detection(MAIN, lane.recipe.description, alarms, lane.view(), **entries)
 

@@ -140,6 +140,8 @@ class ImagedRun:
         if self.mapper is not None:
             self.mapper.substitute = lambda: "own" if self.replaces_map else ""
         self.screener = self._first_stage(ScreenStage)
+        #: the stage that subtracts what earlier drives predict; None without it
+        self.earlier: Any = self.clutter_stages.get("clutter.earlier")
         self.columns = [stage for stage in self.stages.values() if isinstance(stage, FeatureStage)]
         image_stages = {}
         for name, stage in self.stages.items():
@@ -445,8 +447,9 @@ class ImagedRun:
 
         Parameters
         ----------
-        name : {"view", "before"}
-            "before" is the run-view before the background is removed, for the viewer.
+        name : {"view", "before", "earlier"}
+            "before" is the run-view before the background is removed, and "earlier" that of an
+            earlier drive, for the viewer.
         all_rows : bool
             Whether to return the rows around the section that it needs, beside its own.
 
@@ -458,7 +461,7 @@ class ImagedRun:
         arrays = self.results["view"]
         if self.explains:
             arrays = group_of(arrays, name)
-        labels = self.labels(of_images=name == "before")
+        labels = self.labels(of_images=name != "view")
         if all_rows:
             return view_array(arrays["view"], arrays["looks"], self.grid, labels, self.view_rows)
         values = arrays["view"][..., self.own_rows, :]

@@ -83,7 +83,7 @@ def put_instead(
         recipe_text=text,
     )
     title = "as learnt, on ground unlike the training: its confidences do not hold"
-    beside = replace(learnt, name=BESIDE, title=title, before=None)
+    beside = replace(learnt, name=BESIDE, title=title, before=None, earlier=None)
     return [main, beside]
 
 

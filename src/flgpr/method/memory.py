@@ -141,7 +141,9 @@ def lane_memory(sizes: Mapping[str, int], recipe: Recipe, lane: Lane) -> LaneMem
         images = _PER_COMPLEX * sizes["scan"] * channels * image.nx * image.ny
         background = _MEDIAN * images
 
-    # Beside the recipe's look there is one of the images before their background is removed.
+    # Beside the recipe's look there is one of the images before their background is removed, and one
+    # of an earlier drive.
+    beside = channels * (2 if "clutter.earlier" in recipe.named() else 1)
     view_channels = 1
     if recipe.map is None:
         view_channels = len(recipe.run_view.channels(list(recipe.image.subbands))) * polarizations
@@ -152,7 +154,7 @@ def lane_memory(sizes: Mapping[str, int], recipe: Recipe, lane: Lane) -> LaneMem
     screen = recipe.prescreen
     alarms_per_pixel = screen.density * view.dx * view.dy / (3.14 * screen.radius**2)
     per_alarm = _PER_ALARM * bands + _PER_VALUE * columns
-    per_pixel = _PER_VIEW_PIXEL * (channels + view_channels) / 2
+    per_pixel = _PER_VIEW_PIXEL * (beside + view_channels) / 2
     fixed = _PROGRAM + thread + background + stages
     return LaneMemory(thread, view, fixed, per_pixel + per_alarm * alarms_per_pixel)
 

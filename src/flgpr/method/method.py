@@ -34,7 +34,13 @@ from flgpr.method.instead import (
 from flgpr.method.model import Detector, Model
 from flgpr.method.passes.background import GAIN_BACKGROUND, LaneClutter, SelfSignaturePass
 from flgpr.method.passes.features import Explain, Features
-from flgpr.method.passes.run_view import FrameAlarms, Maxima, PlainRunView, RunView
+from flgpr.method.passes.run_view import (
+    EarlierRunView,
+    FrameAlarms,
+    Maxima,
+    PlainRunView,
+    RunView,
+)
 from flgpr.method.passes.traversal import plan
 from flgpr.method.sections import Section
 from flgpr.method.unlike import Trust
@@ -80,7 +86,8 @@ def passes_of(lane: ImagedRun) -> list[PlannedPass]:
     # Cleaned images, or the recipe's map of them, laid over one another on the lane: the second
     # largest value of all looks at a place (Sec. II-B, RunViewSums), or what else of screen/views.py
     # the recipe names.
-    passes.append(plan(lane, RunView, PlainRunView))
+    of_days = [PlainRunView] if lane.earlier is None else [PlainRunView, EarlierRunView]
+    passes.append(plan(lane, RunView, *of_days))
     if lane.recipe.score.area == "frames":
         passes.append(plan(lane, FrameAlarms))
 

@@ -148,7 +148,7 @@ class Recipe(Table):
                 reasons[name] = reason
         for name, entry in self.named().items():
             kind = entry.stage_class.kind
-            if kind not in ("features", "map"):
+            if kind not in ("features", "map") and name != "clutter.earlier":
                 reasons.setdefault(
                     name, f"a stage of the kind {kind} is not run on scans as they come"
                 )

@@ -17,6 +17,7 @@ from flgpr.model import Lane
 from flgpr.report.figures import DYNAMIC_RANGE
 from flgpr.report.kit import decibels, lane_patch, shaded, strongest
 from flgpr.results.result import Result, thinned
+from flgpr.results.view_files import EARLIER, read_layer
 from flgpr.scoring import Score
 from flgpr.screen import select
 
@@ -157,10 +158,21 @@ def _draw_rings(
         )
 
 
-def before_and_after(result: Result) -> tuple[Figure, Figure] | None:
-    """Draw the run-view as it is and with the roadside taken out, alike to the pixel.
+ROADSIDE = (
+    "left of the line as it was measured, right of it with what outshines the lane from the roadside "
+    "taken out. Rings are alarms"
+)
+DAYS = (
+    "left of the line at the earlier drive, right of it today. Rings are alarms: what has changed"
+)
+"""What pictures before and after show."""
 
-    Levels are in dB over the strongest pixel in the lane of the first, so that both have one scale.
+
+def before_and_after(result: Result) -> tuple[Figure, Figure, str] | None:
+    """Draw the road at an earlier drive and today, or with the roadside taken out, alike to the pixel.
+
+    Levels of the roadside are in dB over the strongest pixel in the lane of the first, so that both
+    have one scale. Drives have gains of their own: their medians have one colour.
 
     Parameters
     ----------
@@ -169,10 +181,20 @@ def before_and_after(result: Result) -> tuple[Figure, Figure] | None:
 
     Returns
     -------
-    tuple of Figure, or None
-        Before and after; None where no detection of the result took anything out.
+    tuple, or None
+        Before and after, and what they show; None where the result has no earlier drive and none of
+        its detections took anything out.
     """
     main, *variants = result.detections
+    then, now = (_layer_of(result, name) for name in (EARLIER, "before"))
+    if then is not None and now is not None:
+        top = strongest(now, result.lane)
+        gain = float(np.nanmedian(decibels(then)) - np.nanmedian(decibels(now)))
+        return (
+            _radar_figure(then, main.alarms, result.lane, top + gain),
+            _radar_figure(now, main.alarms, result.lane, top),
+            DAYS,
+        )
     cleaned = [variant for variant in variants if variant.notes.get("mask_pixels")]
     if not cleaned:
         return None
@@ -183,7 +205,21 @@ def before_and_after(result: Result) -> tuple[Figure, Figure] | None:
     return (
         _radar_figure(before, main.alarms, result.lane, top),
         _radar_figure(after, cleaned[0].alarms, result.lane, top),
+        ROADSIDE,
     )
+
+
+def _layer_of(result: Result, name: str) -> xr.DataArray | None:
+    """Return a layer (y, x) of the result's view, of the channel that alarms are raised on."""
+    recipe = result.recipe
+    if "clutter.earlier" not in recipe.named():
+        return None
+    screen = recipe.prescreen if recipe.map is None else recipe.contrast
+    view = result.detections[0].view
+    channel = view.isel(polarization=0, subband=0).assign_coords(
+        polarization=screen.polarization, subband=screen.subband
+    )
+    return read_layer(result.files(), name, channel)
 
 
 def _radar_figure(view: xr.DataArray, alarms: pd.DataFrame, lane: Lane, top: float) -> Figure:

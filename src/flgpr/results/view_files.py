@@ -18,6 +18,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from flgpr.door import Folder
 from flgpr.method.detection import MAIN, Detection
 from flgpr.method.evidence import Evidence
 from flgpr.method.look_samples import decibels
@@ -25,10 +26,12 @@ from flgpr.model import Lane
 from flgpr.recipe.schema import Recipe, parse_recipe
 from flgpr.results.description import left_out_scans
 from flgpr.store import write_whole
-from flgpr.store.view_format import VIEW_FORMAT, VIEW_VERSION
+from flgpr.store.view_format import VIEW_FORMAT, VIEW_VERSION, check_view_index
 from flgpr.types import FloatArray
 
 TILE_ROWS = 512
+EARLIER = "earlier"
+"""Name of the layers of an earlier drive."""
 _ALARM_COLUMNS = ("alarm_id", "x", "y", "confidence")
 _PERCENTILES = ("1", "50", "99", "99.9", "100")
 
@@ -69,7 +72,11 @@ def write_view(
     views = []
     if detections[0].before is not None:
         stage = "before clutter suppression" if _removes_clutter(recipe) else "as imaged"
+        if detections[0].earlier is not None:
+            stage = "today"
         views.append(("before", stage, detections[0].before))
+    if detections[0].earlier is not None:
+        views.append((EARLIER, "earlier drive", detections[0].earlier))
     for detection in detections:
         own = parse_recipe(detection.recipe_text) if detection.recipe_text else recipe
         views.append((detection.name, shown_stage(own), detection.view))
@@ -120,8 +127,49 @@ def write_view(
     write_whole(view_folder / "index.json", text + "\n")
 
 
+def read_layer(files: Folder, name: str, channel: xr.DataArray) -> xr.DataArray | None:
+    """Return what a layer of a result's view shows, on the pixels of a run-view's channel.
+
+    Parameters
+    ----------
+    files : Folder
+        Files of the result.
+    name : str
+        Name of the layer: "before" or "earlier".
+    channel : (y, x) DataArray
+        Run-view, whose ``polarization`` and ``subband`` are those of the layer.
+
+    Returns
+    -------
+    (y, x) DataArray or None
+        Magnitude; None if the result has no such layer.
+
+    Raises
+    ------
+    ValueError
+        If the index cannot be read, or the layer has other pixels.
+    """
+    if not files.has("view/index.json"):
+        return None
+    wanted = [name, *(str(channel[label].values) for label in ("polarization", "subband"))]
+    for layer in check_view_index(files.json("view/index.json"))["layers"]:
+        shows = [layer.get(entry) for entry in ("detection", "polarization", "subband")]
+        if shows == wanted and layer["levels"]:
+            data = files.read(f"view/{layer['levels'][0]['file']}")
+            if len(data) != 2 * channel.size:
+                raise ValueError(
+                    f"layer {name} must have {2 * channel.size} bytes for {channel.size} pixels, got "
+                    f"{len(data)}"
+                )
+            level = np.frombuffer(data, "<f2").astype(np.float32)
+            return channel.copy(data=10 ** (level.reshape(channel.shape) / 20))
+    return None
+
+
 def shown_stage(recipe: Recipe) -> str:
     """Return what a recipe's run-view shows: suppression is named only where clutter is removed."""
+    if "clutter.earlier" in recipe.named():
+        return "what has changed"
     if recipe.map is not None:
         return f"map by {recipe.map.stage}"
     if _removes_clutter(recipe):

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import xarray as xr
 from pydantic import Field
 
-from flgpr.clutter import moved, offset_between, predicted, subtract_standing
+from flgpr.clutter import moved, offset_between, predicted, standing_field, subtract_standing
 from flgpr.engine import Accumulator, PlannedPass, append_accumulator
 from flgpr.imaging import ScanImager
+from flgpr.jit.threads import blas_on_one_thread
 from flgpr.model import Grid, lane_to_scan, scan_to_lane
 from flgpr.stages import ClutterStage, Positive, Table
 from flgpr.stages.standing import StandingSettings, standing_pass
@@ -19,10 +21,19 @@ from flgpr.types import Arrays, ComplexArray, FloatArray, floats
 
 BEFORE = "before"
 """Name of an earlier run in ``others``; of several runs each has it with a number, ``before-2``."""
+
+
+def before_names(count: int) -> list[str]:
+    """Return the names of so many earlier runs."""
+    return [BEFORE if number == 1 else f"{BEFORE}-{number}" for number in range(1, count + 1)]
+
+
 _MATCHED = 16  # scans, spread over the run, that tell how well the drives fit
 _FITS = 2.0  # dB; independent images of the same statistics are predicted by about 1 dB
-_STANDING = "earlier.standing"
+STANDING = "earlier.standing"
+"""Result that holds what stands still on the vehicle today, ``field``; live, what does so far."""
 _MATCH = "earlier.match"
+_MOST = StandingSettings().most
 
 
 class EarlierSettings(Table):
@@ -42,11 +53,13 @@ class EarlierRuns(ClutterStage):
     one lies near keeps its image.
     """
 
-    not_live_because = "only the whole run shows what stands still"
     Settings: ClassVar[type[Table]] = EarlierSettings
 
     def __init__(self, settings: Any, setup: Any, learnt: Arrays | None = None) -> None:
         super().__init__(settings, setup, learnt)
+        #: the last image (channel, y, x) that was cleaned, as it was, and that of the nearest earlier
+        #: scan on its ground, NaN without one
+        self.days: Mapping[str, ComplexArray] = {}
         self._imagers = {
             name: self._imager(name, run)
             for name, run in setup.others.items()
@@ -87,48 +100,60 @@ class EarlierRuns(ClutterStage):
 
     def passes(self) -> list[PlannedPass]:
         """Return the passes of the standing fields of all drives, and of how well the drives fit."""
-        most = StandingSettings().most
-        today = self.setup.imager
-        planned = [
-            standing_pass(_STANDING, len(today), most, lambda index: self.before(index, 1)[0])
+        scans = len(self.setup.imager)
+        return [
+            standing_pass(STANDING, scans, _MOST, lambda index: self.before(index, 1)[0]),
+            PlannedPass(_MATCH, "match with earlier drives", self._match, all_scans=True),
         ]
+
+    @cached_property
+    def _standing_then(self) -> dict[str, ComplexArray]:
+        """What stood still on the vehicle at each earlier drive."""
+        fields = {}
         for name, imager in self._imagers.items():
-            planned.append(self._standing_of(name, imager, most, len(today)))
-        planned.append(
-            PlannedPass(_MATCH, "match with earlier drives", self._match, all_scans=True)
-        )
-        return planned
-
-    def _standing_of(self, name: str, imager: ScanImager, most: int, scans: int) -> PlannedPass:
-        """Return the pass of an earlier run's standing field, which goes over today's scans."""
-        places = np.linspace(0, len(imager) - 1, scans)
-
-        def read(index: int) -> ComplexArray:
-            return imager.signal(int(imager.scans[round(places[index])]))
-
-        return standing_pass(f"{_STANDING}.{name}", scans, most, read)
+            spread = np.linspace(0, len(imager) - 1, min(len(imager), _MOST))
+            chosen = imager.scans[np.unique(np.rint(spread).astype(int))]
+            fields[name] = standing_field(np.stack([imager.signal(int(scan)) for scan in chosen]))
+        return fields
 
     def clean(self, index: int, data: ComplexArray) -> ComplexArray:  # noqa: ARG002
         """Return the data without what stands still on the vehicle."""
-        return subtract_standing(data, self.setup.results[_STANDING]["field"])
+        return subtract_standing(data, self.setup.results[STANDING]["field"])
 
-    def of_image(self, index: int, image: xr.DataArray) -> xr.DataArray:
+    def of_image(self, index: int, image: xr.DataArray) -> xr.DataArray:  # noqa: ARG002
         """Return the image of a scan less what earlier drives predict."""
-        looks = list(self._looks(index, image.sizes["y"]))
-        if not looks:
-            return image
+        return self.of_part(image, range(image.sizes["subband"]), image.sizes["y"])
+
+    def of_part(self, image: xr.DataArray, subbands: Sequence[int], rows: int) -> xr.DataArray:
+        """Return the nearest rows of some sub-bands of an image less what earlier drives predict.
+
+        The whole image, with its pose, tells how far the drives are moved onto each other.
+        """
+        part = image.isel(subband=list(subbands), y=slice(rows))
+        looks = list(self._looks(floats(image.attrs["pose"]), image.sizes["y"]))
         values = image.values.reshape(-1, *image.shape[-2:])
         earlier = [self._on(values, look)[0] for look in looks]
-        return image.copy(data=(values - self._prediction(values, earlier)).reshape(image.shape))
+        self.days = {
+            "today": values,
+            "earlier": earlier[0] if earlier else np.full_like(values, np.nan),
+        }
+        if not earlier:
+            return part
+        channels = np.arange(len(values)).reshape(image.shape[:2])[:, subbands].ravel()
+        prediction = self._prediction(values[channels], [one[channels] for one in earlier], rows)
+        return part.copy(data=part.values - prediction.reshape(part.shape))
 
-    def _prediction(self, values: ComplexArray, earlier: list[ComplexArray]) -> ComplexArray:
-        """Predict all channels (channel, y, x) of an image."""
+    def _prediction(
+        self, values: ComplexArray, earlier: list[ComplexArray], rows: int | None = None
+    ) -> ComplexArray:
+        """Predict the nearest rows of channels (channel, y, x) of an image."""
         grid = self.setup.imager.grid
         stretch = (round(self.settings.stretch / grid.dy), round(self.settings.stretch / grid.dx))
         channels = []
-        for number, channel in enumerate(values):
-            of_channel = [look[number] for look in earlier]
-            channels.append(predicted(channel, of_channel, stretch, self.settings.reach))
+        with blas_on_one_thread():  # of products as small as these its threads wait for one another
+            for number, channel in enumerate(values):
+                of_channel = [look[number] for look in earlier]
+                channels.append(predicted(channel, of_channel, stretch, self.settings.reach, rows))
         return np.stack(channels)
 
     def _on(self, values: ComplexArray, look: ComplexArray) -> tuple[ComplexArray, FloatArray]:
@@ -138,20 +163,23 @@ class EarlierRuns(ClutterStage):
         rows, columns = offset_between(values, look, most)
         return moved(look, rows, columns), np.hypot(rows * grid.dy, columns * grid.dx)
 
-    def _nearest(self, imager: ScanImager, index: int) -> list[int]:
-        """Return the scans of an earlier run that lie nearest to a scan of this one."""
-        pose = self.setup.pose(index)
+    def is_alone(self, pose: FloatArray) -> bool:
+        """Return whether no earlier scan lies near a pose (6,)."""
+        return not any(self._nearest(imager, pose) for imager in self._imagers.values())
+
+    def _nearest(self, imager: ScanImager, pose: FloatArray) -> list[int]:
+        """Return the scans of an earlier run that lie nearest to a pose of this one."""
         places = floats(imager.run["pose"].values[imager.scans])[:, :2]
         away = np.hypot(*(places - pose[:2]).T)
         nearest = np.argsort(away, kind="stable")[: self.settings.looks]
         return [int(imager.scans[one]) for one in nearest if away[one] <= self.settings.within]
 
-    def _looks(self, index: int, rows: int) -> Iterator[ComplexArray]:
-        """Yield earlier images (channel, y, x) of the ground ahead of a scan."""
-        points = scan_to_lane(self.setup.imager.grid.points()[:rows], self.setup.pose(index))
+    def _looks(self, pose: FloatArray, rows: int) -> Iterator[ComplexArray]:
+        """Yield earlier images (channel, y, x) of the ground ahead of a pose."""
+        points = scan_to_lane(self.setup.imager.grid.points()[:rows], pose)
         for name, imager in self._imagers.items():
-            field = self.setup.results[f"{_STANDING}.{name}"]["field"]
-            for scan in self._nearest(imager, index):
+            field = self._standing_then[name]
+            for scan in self._nearest(imager, pose):
                 there = lane_to_scan(points, floats(imager.run["pose"].values[scan]))
                 data = subtract_standing(imager.signal(scan), field)
                 image = imager.operator_on(scan, there, imager.subbands).adjoint(data)
@@ -169,7 +197,8 @@ class EarlierRuns(ClutterStage):
                 data = self.data(index, 1)[0][self.setup.imaged]
                 image = today.image(int(today.scans[index]), data).values
                 values = image.reshape(-1, *image.shape[-2:])
-                matched = [self._on(values, look) for look in self._looks(index, image.shape[-2])]
+                looks = self._looks(self.setup.pose(index), image.shape[-2])
+                matched = [self._on(values, look) for look in looks]
                 if matched:
                     left = values - self._prediction(values, [look for look, _ in matched])
                     power = np.array([np.vdot(values, values).real, np.vdot(left, left).real])
@@ -181,33 +210,50 @@ class EarlierRuns(ClutterStage):
     def notes(self) -> dict[str, Any]:
         """Return how well the drives fit, and how many scans no earlier one lies near."""
         match = self.setup.results[_MATCH]
-        alone = 0
-        for index in range(len(self.setup.imager)):
-            alone += not any(self._nearest(imager, index) for imager in self._imagers.values())
+        scans = range(len(self.setup.imager))
+        alone = sum(self.is_alone(self.setup.pose(index)) for index in scans)
         notes: dict[str, Any] = {"earlier_runs": len(self._imagers), "scans_without_earlier": alone}
         if "power" in match:
-            before, left = match["power"].sum(axis=0)
-            notes["earlier_suppression_db"] = round(float(10 * np.log10(before / left)), 1)
+            notes["earlier_suppression_db"] = _suppression(match["power"].sum(axis=0))
             notes["earlier_offset"] = round(float(np.median(match["offset"])), 3)
         return notes
 
     def sentences(self) -> list[str]:
         """Return how well the drives fit, and what of the run is judged without the earlier ones."""
-        notes = self.notes()
-        alone, scans = notes["scans_without_earlier"], len(self.setup.imager)
+        match, scans = self.setup.results[_MATCH], len(self.setup.imager)
+        power = match["power"].sum(axis=0) if "power" in match else np.zeros(2)
+        offset = float(np.median(match["offset"])) if "power" in match else None
+        return self.sentences_of(self.notes()["scans_without_earlier"], scans, power, offset)
+
+    @property
+    def changes(self) -> str:
+        """What alarms are, in words."""
+        count = len(self._imagers)
+        drives = "an earlier drive predicts" if count == 1 else f"{count} earlier drives predict"
+        return f"what {drives} is subtracted, so what lay there then does not stand out"
+
+    def sentences_of(
+        self, alone: int, scans: int, power: FloatArray, offset: float | None = None
+    ) -> list[str]:
+        """Return how well the drives fit, in words.
+
+        Parameters
+        ----------
+        alone, scans : int
+            Scans that no earlier one lies near, and all scans.
+        power : (2,) ndarray
+            Power of images of the others, before what is predicted is subtracted and after.
+        offset : float, optional
+            Median of what the tracks are moved by, m.
+        """
         if alone == scans:
             return [
                 f"no scan lies within {self.settings.within:g} m of one of an earlier drive: nothing is "
                 "subtracted; give runs of this road, whose poses are in the same lane frame"
             ]
-        count = notes["earlier_runs"]
-        drives = "an earlier drive" if count == 1 else f"{count} earlier drives"
-        suppression, offset = notes["earlier_suppression_db"], 100 * notes["earlier_offset"]
-        said = [
-            f"what {drives} predict{'s' * (count == 1)} is subtracted, so what lay there then does "
-            f"not stand out ({suppression:g} dB of the images, tracks moved by {offset:.0f} cm in the "
-            "median)"
-        ]
+        suppression = _suppression(power)
+        tracks = "" if offset is None else f", tracks moved by {100 * offset:.0f} cm in the median"
+        said = [f"{self.changes} ({suppression:g} dB of the images{tracks})"]
         if suppression < _FITS:
             said.append(
                 f"the drives hardly fit (less than {_FITS:g} dB): ground or radar have changed too much "
@@ -219,3 +265,9 @@ class EarlierRuns(ClutterStage):
                 "one: their images are as without earlier drives"
             )
         return said
+
+
+def _suppression(power: FloatArray) -> float:
+    """Return by how much subtraction lowers a power, before and after, dB."""
+    before, left = power
+    return round(float(10 * np.log10(before / left)), 1)

@@ -12,7 +12,7 @@ Alarms: the local maxima of the run-view, of which the density rule leaves the s
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -83,6 +83,7 @@ class PlainRunView(Pass):
     explains = True
     needs = ("gain",)
     cache_key = staticmethod(view_key)
+    day: ClassVar[str] = "today"
 
     def __init__(self, lane: ImagedRun, block: range | None) -> None:
         sums = RunViewSums(lane.grid, lane.recipe.run_view.y_max, lane.rows_of(block))
@@ -90,12 +91,20 @@ class PlainRunView(Pass):
 
     def add(self, scan: ImagedScan) -> None:
         """Lay the magnitude of a scan's image on the lane."""
-        self._sums.add(np.abs(scan.near_image.values), self.lane.near, scan.pose)
+        self._sums.add(scan.of_day(self.day), self.lane.near, scan.pose)
 
     def result(self) -> Arrays:
         """Return ``view`` and ``looks``, as of :class:`RunView`."""
         values, looks = self._sums.result()
         return {"view": values, "looks": looks}
+
+
+class EarlierRunView(PlainRunView):
+    """The second largest look of the earlier drive nearest to each scan, for the viewer."""
+
+    name = "earlier"
+    title = "run-view of the earlier drive"
+    day = "earlier"
 
 
 class FrameAlarms(Pass):

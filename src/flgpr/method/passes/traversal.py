@@ -88,6 +88,19 @@ class ImagedScan:
         coherent = self._lane.background.own_coherent(self.near_image.values, self.gain)
         return self.near_image.copy(data=coherent)
 
+    def of_day(self, day: str) -> Float32Array:
+        """Return the magnitude (polarization, subband, y, x) before the background is removed.
+
+        It is that of "today", from which nothing is subtracted that earlier drives predict, or that
+        of the "earlier" drive on the same ground, NaN where none lies near.
+        """
+        image = self.near_image.values
+        earlier = self._lane.earlier
+        if earlier is None:
+            return np.abs(image)
+        of_day = earlier.days[day][:, : image.shape[-2]]
+        return np.abs(of_day).reshape(image.shape)
+
     @cached_property
     def cleaned(self) -> CleanedImages:
         """The cleaned images, as far as features and explanations read them."""

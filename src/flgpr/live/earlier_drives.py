@@ -1,0 +1,108 @@
+"""Live detection of what has changed since earlier drives: the stage ``earlier``, scan by scan.
+
+A scan's image is cleaned by the stage itself, as that of a stored run. What stands still on the
+vehicle is the mean of the scans before, where a stored run has the median over all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+
+from flgpr.clutter import subtract_standing
+from flgpr.clutter.causal import LEAST_WARM_UP
+from flgpr.stages.earlier import EarlierRuns
+from flgpr.types import Arrays, ComplexArray, FloatArray
+
+_AXES = ("polarization", "subband", "y", "x")
+
+
+class EarlierDrives:
+    """Subtracts from images of scans, as they come, what earlier drives predict.
+
+    Parameters
+    ----------
+    stage : EarlierRuns
+        The recipe's stage.
+    subbands : sequence of int
+        Those of the images' sub-bands that are wanted.
+    rows : int
+        Nearest rows of the images that are wanted.
+    span : int, optional
+        Scans with which the mean of what stands still fades; by default it is over all.
+    """
+
+    def __init__(
+        self, stage: EarlierRuns, subbands: Sequence[int], rows: int, span: int | None = None
+    ) -> None:
+        self.stage = stage
+        self._subbands = subbands
+        self._rows = rows
+        self._span = span
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin with nothing learnt and nothing counted."""
+        self._learnt = 0  # scans in the mean
+        self._mean: ComplexArray = np.zeros((1, 1, 1), np.complex128)
+        self._power = np.zeros(2)  # of all images, before and after
+        self.scans = 0  #: scans whose images were cleaned
+        self.alone = 0  #: those of them that no earlier scan lies near
+        self.is_alone = False  #: whether the last one is such
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether enough scans came to tell what stands still."""
+        return self._learnt >= LEAST_WARM_UP
+
+    def learn(self, signal: ComplexArray) -> None:
+        """Take the data (polarization, pair, frequency) of a scan into the mean."""
+        self._learnt += 1
+        weight = 1 / min(self._learnt, self._span or self._learnt)
+        self._mean = self._mean + weight * (signal - self._mean)
+
+    def clean(self, signal: ComplexArray) -> ComplexArray:
+        """Return the data of a scan without what stands still, once that is known."""
+        return subtract_standing(signal, self._mean) if self.is_ready else signal
+
+    def of_image(self, image: ComplexArray, pose: FloatArray) -> ComplexArray:
+        """Return what is wanted of the image of cleaned data less what is predicted.
+
+        Parameters
+        ----------
+        image : (polarization, subband, y, x) ndarray of complex
+            Image of all sub-bands.
+        pose : (6,) ndarray
+            The scan's pose.
+        """
+        part = image[:, self._subbands, : self._rows]
+        if not self.is_ready:
+            return part
+        labelled = xr.DataArray(image, dims=_AXES, attrs={"pose": pose})
+        left: ComplexArray = self.stage.of_part(labelled, self._subbands, self._rows).values
+        self.scans += 1
+        self.is_alone = self.stage.is_alone(pose)
+        self.alone += self.is_alone
+        if not self.is_alone:
+            self._power += [np.vdot(part, part).real, np.vdot(left, left).real]
+        return left
+
+    def sentences(self) -> list[str]:
+        """Return how well the drives fit so far; nothing before an image was cleaned."""
+        if not self.scans:
+            return []
+        return self.stage.sentences_of(self.alone, self.scans, self._power)
+
+    def state(self) -> Arrays:
+        """Return what was learnt and counted, for :meth:`restore`; later scans do not change it."""
+        counts = np.array([self._learnt, self.scans, self.alone, self.is_alone])
+        return {"counts": counts, "mean": self._mean, "power": self._power.copy()}
+
+    def restore(self, state: Arrays) -> None:
+        """Continue from a :meth:`state`."""
+        self._learnt, self.scans, self.alone, is_alone = (int(one) for one in state["counts"])
+        self.is_alone = bool(is_alone)
+        self._mean = np.asarray(state["mean"])
+        self._power = np.array(state["power"])
