@@ -46,6 +46,7 @@ from flgpr.clutter.standing import standing_field as standing_field
 from flgpr.clutter.standing import subtract_mean_scan as subtract_mean_scan
 from flgpr.clutter.standing import subtract_standing as subtract_standing
 from flgpr.clutter.suppression import Suppression as Suppression
+from flgpr.clutter.suppression import fit_by_model as fit_by_model
 from flgpr.clutter.suppression import suppress_by_model as suppress_by_model
 from flgpr.clutter.traces import band_pass as band_pass
 from flgpr.clutter.traces import dewow as dewow

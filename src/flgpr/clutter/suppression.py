@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from flgpr.types import ArrayLike, ComplexArray, FloatArray
+from flgpr.types import ArrayLike, ComplexArray, Float32Array, FloatArray
 
 
 class Operator(Protocol):
@@ -109,26 +110,65 @@ def suppress_by_model(
     if spared_pixels is not None and not spared_pixels.any():
         spared_pixels = None  # saves the forward model of an empty image
 
-    direction = gradient
     spared_image = np.zeros_like(gradient)
-    power = _power(gradient)
-    for _ in range(iterations):
-        if power == 0.0:
-            break
-        response = operator.forward(direction)
-        step = power / _power(w * response)
-        remainder = (remainder - np.float32(step) * response).astype(np.complex64)
+    for step, left in _fit_steps(remainder, operator, iterations, w, gradient):
+        remainder = left
         if spared_pixels is not None:
-            spared_image += np.float32(step) * spared_pixels * direction
-        gradient = operator.adjoint(w * w * remainder)
-        last_power = power
-        power = _power(gradient)
-        direction = gradient + np.float32(power / last_power) * direction
+            spared_image += spared_pixels * step
         residuals.append(float(np.sqrt(_power(w * remainder)) / norm))
 
     if spared_pixels is not None:
         remainder = (remainder + operator.forward(spared_image)).astype(np.complex64)
     return Suppression(remainder, np.asarray(residuals))
+
+
+def fit_by_model(data: ArrayLike, operator: Operator, iterations: int = 8) -> ComplexArray:
+    """Return the reflectivity that explains data, by the steps of :func:`suppress_by_model`.
+
+    Parameters
+    ----------
+    data : (polarization, pair, frequency) array_like of complex
+        Received field b.
+    operator : imaging operator
+        A on the pixels, one band, no window.
+    iterations : int
+        Number of iterations. What the array sees well comes first, noise where it hardly sees last.
+
+    Returns
+    -------
+    (polarization, 1, *pixels) ndarray of complex64
+        The reflectivity x.
+    """
+    signal = np.asarray(data, dtype=np.complex64)
+    w = np.ones(1, np.float32)
+    gradient = operator.adjoint(signal)
+    image = np.zeros_like(gradient)
+    for step, _ in _fit_steps(signal, operator, iterations, w, gradient):
+        image += step
+    return image
+
+
+def _fit_steps(
+    data: ComplexArray, operator: Operator, iterations: int, w: Float32Array, gradient: ComplexArray
+) -> Iterator[tuple[ComplexArray, ComplexArray]]:
+    """Yield by what every iteration changes the reflectivity, and the data that remain.
+
+    The gradient is that of the data, ``A^H w² b``.
+    """
+    remainder = data
+    direction = gradient
+    power = _power(gradient)
+    for _ in range(iterations):
+        if power == 0.0:
+            return
+        response = operator.forward(direction)
+        step = np.float32(power / _power(w * response))
+        remainder = (remainder - step * response).astype(np.complex64)
+        yield step * direction, remainder
+        gradient = operator.adjoint(w * w * remainder)
+        last_power = power
+        power = _power(gradient)
+        direction = gradient + np.float32(power / last_power) * direction
 
 
 def _power(array: ComplexArray) -> float:

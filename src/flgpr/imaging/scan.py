@@ -119,14 +119,24 @@ class ScanImager:
         ImagingOperator
             The operator.
         """
-        pose = self._poses[scan]
+        window = self.window if subbands is not None else None
+        return self.operator_at(self._poses[scan], points, subbands, window)
+
+    def operator_at(
+        self,
+        pose: FloatArray,
+        points: FloatArray,
+        subbands: Mapping[str, tuple[float, float]] | None = None,
+        window: str | ArrayLike | None = None,
+    ) -> ImagingOperator:
+        """Return the operator of the run's array at a pose (6,) on points of its scan frame."""
         return ImagingOperator(
             self.run["frequency"].values,
             vehicle_to_scan(self.run["tx_position"].values, pose),
             vehicle_to_scan(self.run["rx_position"].values, pose),
             points,
             subbands=None if subbands is None else list(subbands.values()),
-            window=self.window if subbands is not None else None,
+            window=window,
             tolerance=self.tolerance,
             device=self.device,
         )

@@ -1,20 +1,33 @@
-"""Images freed from what earlier drives over the same road have seen."""
+"""Images freed from what earlier drives over the same road have seen.
+
+An earlier scan was taken a little before or behind today's, and the array sees the ground from
+there in another way: side lobes and grating lobes lie elsewhere. So its data are not imaged for
+today's place. The ground's reflectivity is fitted to them by the forward model A, on ground wide
+enough to hold what the array sees beside the image, and A of today's array says what today's scan
+would see of it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from functools import cached_property
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property, partial
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import xarray as xr
 from pydantic import Field
 
-from flgpr.clutter import moved, offset_between, predicted, standing_field, subtract_standing
+from flgpr.clutter import (
+    fit_by_model,
+    offset_between,
+    predicted,
+    standing_field,
+    subtract_standing,
+)
 from flgpr.engine import Accumulator, PlannedPass, append_accumulator
 from flgpr.imaging import ScanImager
 from flgpr.jit.threads import blas_on_one_thread
-from flgpr.model import Grid, lane_to_scan, scan_to_lane
+from flgpr.model import SPEED_OF_LIGHT, Grid, lane_to_scan, scan_to_lane
 from flgpr.stages import ClutterStage, Positive, Table
 from flgpr.stages.standing import StandingSettings, standing_pass
 from flgpr.types import Arrays, ComplexArray, FloatArray, floats
@@ -34,6 +47,14 @@ STANDING = "earlier.standing"
 """Result that holds what stands still on the vehicle today, ``field``; live, what does so far."""
 _MATCH = "earlier.match"
 _MOST = StandingSettings().most
+_SPACING = (
+    0.4  # of fitted ground, wavelengths of the highest tone: the array sees no finer from afar
+)
+_KEPT = 256e6  # bytes of fitted ground that are kept from scan to scan and from pass to pass
+
+
+Look = Callable[[FloatArray], ComplexArray]
+"""Gives what an earlier scan says of an image (channel, y, x), for ground moved by an offset (3,), m."""
 
 
 class EarlierSettings(Table):
@@ -44,6 +65,11 @@ class EarlierSettings(Table):
     search: Positive = 0.3  #: largest offset between the tracks of two drives that is looked for
     stretch: Positive = 2.0  #: side of the ground on which gain, phase and place are matched
     reach: Annotated[int, Field(ge=0, le=4)] = 1  #: pixels by which copies are moved in the match
+    #: of the fit of earlier data by the forward model; 0 images them as they are, in less time
+    iterations: Annotated[int, Field(ge=0, le=50)] = 8
+    #: ground that is fitted on both sides of the image, half of it before and behind; None takes
+    #: the height of the array: what lies there shows in the image by side lobes and grating lobes
+    margin: Positive | None = None
 
 
 class EarlierRuns(ClutterStage):
@@ -60,6 +86,7 @@ class EarlierRuns(ClutterStage):
         #: the last image (channel, y, x) that was cleaned, as it was, and that of the nearest earlier
         #: scan on its ground, NaN without one
         self.days: Mapping[str, ComplexArray] = {}
+        self._fitted: dict[tuple[str, int], ComplexArray] = {}
         self._imagers = {
             name: self._imager(name, run)
             for name, run in setup.others.items()
@@ -96,7 +123,8 @@ class EarlierRuns(ClutterStage):
         """Estimate the bytes of the images and of their moved copies in one channel."""
         copies = settings.looks * (2 * settings.reach + 1) ** 2
         samples = sizes["polarization"] * sizes["pair"] * sizes["frequency"]
-        return 8.0 * image.nx * image.ny * (copies + 16 * settings.looks) + 4 * 8.0 * 64 * samples
+        images = 8.0 * image.nx * image.ny * (copies + 16 * settings.looks)
+        return images + 4 * 8.0 * 64 * samples + (2 * _KEPT if settings.iterations else 0.0)
 
     def passes(self) -> list[PlannedPass]:
         """Return the passes of the standing fields of all drives, and of how well the drives fit."""
@@ -156,12 +184,14 @@ class EarlierRuns(ClutterStage):
                 channels.append(predicted(channel, of_channel, stretch, self.settings.reach, rows))
         return np.stack(channels)
 
-    def _on(self, values: ComplexArray, look: ComplexArray) -> tuple[ComplexArray, FloatArray]:
+    def _on(self, values: ComplexArray, look: Look) -> tuple[ComplexArray, FloatArray]:
         """Return an earlier look moved onto an image (channel, y, x), and by how much, m."""
         grid = self.setup.imager.grid
         most = (round(self.settings.search / grid.dy), round(self.settings.search / grid.dx))
-        rows, columns = offset_between(values, look, most)
-        return moved(look, rows, columns), np.hypot(rows * grid.dy, columns * grid.dx)
+        image = look(np.zeros(3))
+        rows, columns = offset_between(values, image, most)
+        offset = np.array([columns * grid.dx, rows * grid.dy, 0.0])
+        return look(offset) if offset.any() else image, np.hypot(*offset[:2])
 
     def is_alone(self, pose: FloatArray) -> bool:
         """Return whether no earlier scan lies near a pose (6,)."""
@@ -174,16 +204,66 @@ class EarlierRuns(ClutterStage):
         nearest = np.argsort(away, kind="stable")[: self.settings.looks]
         return [int(imager.scans[one]) for one in nearest if away[one] <= self.settings.within]
 
-    def _looks(self, pose: FloatArray, rows: int) -> Iterator[ComplexArray]:
-        """Yield earlier images (channel, y, x) of the ground ahead of a pose."""
-        points = scan_to_lane(self.setup.imager.grid.points()[:rows], pose)
+    def _looks(self, pose: FloatArray, rows: int) -> Iterator[Look]:
+        """Yield what earlier drives say of the image (channel, y, x) of a scan at a pose."""
+        own = self.setup.imager
+        points = own.grid.points()[:rows]
+        today = own.operator_at(pose, points, own.subbands, own.window)
+
+        def modelled(name: str, scan: int, then: FloatArray, offset: FloatArray) -> ComplexArray:
+            ground = lane_to_scan(scan_to_lane(self._ground.points(), then), pose) + offset
+            seen = own.operator_at(pose, ground, self._whole_band)
+            return _channels(today.adjoint(seen.forward(self._reflectivity(name, scan))))
+
+        def imaged(name: str, scan: int, then: FloatArray, offset: FloatArray) -> ComplexArray:
+            there = lane_to_scan(scan_to_lane(points - offset, pose), then)
+            operator = self._imagers[name].operator_on(scan, there, own.subbands)
+            return _channels(operator.adjoint(self._cleaned(name, scan)))
+
+        way = modelled if self.settings.iterations else imaged
         for name, imager in self._imagers.items():
-            field = self._standing_then[name]
             for scan in self._nearest(imager, pose):
-                there = lane_to_scan(points, floats(imager.run["pose"].values[scan]))
-                data = subtract_standing(imager.signal(scan), field)
-                image = imager.operator_on(scan, there, imager.subbands).adjoint(data)
-                yield image.reshape(-1, *image.shape[-2:])
+                yield partial(way, name, scan, floats(imager.run["pose"].values[scan]))
+
+    @cached_property
+    def _whole_band(self) -> dict[str, tuple[float, float]]:
+        """The band that holds all sub-bands."""
+        edges = np.array(list(self.setup.imager.subbands.values()))
+        return {"whole": (float(edges[:, 0].min()), float(edges[:, 1].max()))}
+
+    @cached_property
+    def _ground(self) -> Grid:
+        """The ground that is fitted to the data of an earlier scan, in its frame."""
+        image, margin = self.setup.imager.grid, self.settings.margin
+        if margin is None:
+            heights = [imager.run["pose"].values[:, 2] for imager in self._imagers.values()]
+            margin = max(float(np.nanmedian(np.concatenate(heights))), image.dx)
+        across, ahead = image.x, image.y
+        return Grid.spanning(
+            (float(across[0]) - margin, float(across[-1]) + margin),
+            (max(float(ahead[0]) - margin / 2, float(ahead[0]) / 5), float(ahead[-1]) + margin / 2),
+            _SPACING * SPEED_OF_LIGHT / self._whole_band["whole"][1],
+        )
+
+    def _cleaned(self, name: str, scan: int) -> ComplexArray:
+        """Return the data of an earlier scan without what stood still."""
+        return subtract_standing(self._imagers[name].signal(scan), self._standing_then[name])
+
+    def _reflectivity(self, name: str, scan: int) -> ComplexArray:
+        """Return the ground (polarization, 1, y, x) that explains the data of an earlier scan.
+
+        The latest are kept: neighbouring scans and later passes want the same ones.
+        """
+        fitted = self._fitted.pop((name, scan), None)
+        if fitted is None:
+            imager = self._imagers[name]
+            pose = floats(imager.run["pose"].values[scan])
+            operator = imager.operator_at(pose, self._ground.points(), self._whole_band)
+            fitted = fit_by_model(self._cleaned(name, scan), operator, self.settings.iterations)
+            while self._fitted and (len(self._fitted) + 1) * fitted.nbytes > _KEPT:
+                del self._fitted[next(iter(self._fitted))]
+        self._fitted[(name, scan)] = fitted
+        return fitted
 
     def _match(self, block: range | None) -> Accumulator:  # noqa: ARG002
         """Return what gathers how well the drives fit, on scans spread over the run."""
@@ -265,6 +345,11 @@ class EarlierRuns(ClutterStage):
                 "one: their images are as without earlier drives"
             )
         return said
+
+
+def _channels(image: ComplexArray) -> ComplexArray:
+    """Return an image (polarization, subband, y, x) as (channel, y, x)."""
+    return image.reshape(-1, *image.shape[-2:])
 
 
 def _suppression(power: FloatArray) -> float:
