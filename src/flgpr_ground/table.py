@@ -327,7 +327,8 @@ def table_text(ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame) -> str
     tier_width = max((len(name) for name in ground.table.tiers), default=0)
     head = f"{'cost':{width + 2}} {'':{tier_width}}"
     lines += ["", f"{head} processor s/km  training s  largest process MiB"]
-    for cost in costs.to_dict("records"):
+    # What did not finish cost nothing that was measured.
+    for cost in costs[costs["entry"].isin(scores["entry"])].to_dict("records"):
         name = f"  {cost['entry']:{width}} {cost.get('tier', ''):{tier_width}}"
         seconds, training, peak_mib = costs_in_words(cost)
         lines.append(f"{name} {seconds:>14} {training:>11} {peak_mib:>20}")
@@ -435,7 +436,7 @@ def write_score_tables(folders: Sequence[str | Path], output: str | Path) -> str
     target.mkdir(parents=True, exist_ok=True)
     write_whole(target / "scores.csv", scores.to_csv(index=False, float_format="%.6g"))
     write_whole(target / "costs.csv", costs.to_csv(index=False, float_format="%.4g"))
-    titles, faults, own = _described(ground, benchmarks)
+    titles, faults, own = described(ground, benchmarks)
     titles |= {name: title for name, (_, title) in ORACLES.items() if name in set(scores["entry"])}
     opening = scores_at(scores, ground, opening_split(ground))
     told = []
@@ -455,10 +456,27 @@ def write_page(path: Path, page: str) -> None:
     write_whole(path, page)  # leaves a file of the same bytes as it is
 
 
-def _described(
+def described(
     ground: Ground, folders: Sequence[Path]
 ) -> tuple[dict[str, str], list[str], list[str]]:
-    """Return titles by entry, reasons of those that did not finish, and those of one's own."""
+    """Describe the entries that began in benchmark folders.
+
+    Parameters
+    ----------
+    ground : Ground
+        The ground with all of its tiers.
+    folders : sequence of Path
+        Folders of ``flgpr benchmark run``.
+
+    Returns
+    -------
+    titles : dict of str to str
+        What each entry is.
+    faults : list of str
+        Which did not finish, and why; each begins with the name of the entry.
+    own : list of str
+        Those that are classes of one's own.
+    """
     titles: dict[str, str] = {}
     faults = []
     own = []

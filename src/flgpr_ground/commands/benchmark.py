@@ -169,16 +169,22 @@ def compare_benchmark(
     return proving_ground.compare_entries(folder, entry, other, output, tier)
 
 
-@command()
+def _template_lines(path: Path, _: Arguments) -> Iterator[str | Path]:
+    """Yield the file and the command that runs it."""
+    yield path
+    yield f"next: flgpr benchmark run {path.stem}:MyDetector --quick --tier prepared"
+
+
+@command(lines=_template_lines)
 def benchmark_template(
     folder: Annotated[PathLike, Argument(help="Folder, by default this one.")] = Path(),
-) -> list[Path]:
+) -> Path:
     """Write a detector of your own to begin with, which runs as it is.
 
     Returns
     -------
-    list of Path
-        The files.
+    Path
+        The file.
     """
     from flgpr import proving_ground
 
