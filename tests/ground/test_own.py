@@ -327,7 +327,9 @@ def test_from_the_template_to_the_leaderboard(tmp_path, monkeypatch):
     board = tmp_path / "proving-ground" / "leaderboard.html"
     assert "Logistic regression on local contrasts" in board.read_text("utf-8")
     write_leaderboard([tmp_path / "proving-ground"], tmp_path / "board.html")
-    assert "my-detector misses" in call("compare", "my-detector")
+    compared = call("compare", "my-detector")
+    assert "my-detector misses" in compared
+    assert compared.endswith("for a paper, beside it: cite.bib, roc-prepared.pdf, table.tex\n")
     paper = tmp_path / "proving-ground" / "compared" / "my-detector-wang2007"
     assert (
         "% difference from wang2007, C_HH in the sub-band F1" in (paper / "table.tex").read_text()
