@@ -19,11 +19,11 @@ from flgpr.scoring import (
     clopper_pearson,
     match,
     operating_row,
-    pd_mean,
     random_pd,
     roc_of,
 )
 from flgpr.scoring.comparison import paired_points
+from flgpr.scoring.curve import held_pd_mean
 from flgpr.scoring.matching import Match
 from flgpr.store import sha256, write_whole
 from flgpr.store.outputs import log_finished
@@ -284,7 +284,7 @@ def _points(
         row |= {name: int(point[name]) for name in ("n_detected", "n_targets", "n_false")}
         row["area"] = float(curve.attrs["area"])
         if allowed == ground.table.far:
-            row["pd_mean"] = float(pd_mean(curve, max(fars)))
+            row["pd_mean"] = float(held_pd_mean(curve, max(fars)))
             if reference is not None:
                 (paired,) = paired_points(matched, reference, [allowed], rows)
                 row["only"] = paired["only_first"]

@@ -15,8 +15,9 @@ import numpy as np
 import pandas as pd
 
 from flgpr.features import FEATURES, POLARIMETRIC
-from flgpr.scoring import Match, pd_mean, roc_of
+from flgpr.scoring import Match, roc_of
 from flgpr.scoring.bootstrap import make_design, make_scores, tails
+from flgpr.scoring.curve import held_pd_mean
 from flgpr.scoring.lane_roc import AreaRule
 from flgpr.scoring.matching import Subset
 from flgpr_papers.kit.intervals import SHARE_DIFFERENCE, Interval, clip, percentiles
@@ -115,8 +116,8 @@ def cost_table(printed: Lanes, coarse: Lanes, draws: int) -> pd.DataFrame:
                     "targets": int((first.truth["kind"] != "simulant").sum()),
                     "alarms": len(first.alarms),
                     "alarms_changed": len(second.alarms),
-                    "pd_mean": pd_mean(roc_of(first, MINES, area=AREA), FAR_MAX),
-                    "pd_mean_changed": pd_mean(
+                    "pd_mean": held_pd_mean(roc_of(first, MINES, area=AREA), FAR_MAX),
+                    "pd_mean_changed": held_pd_mean(
                         roc_of(second, MINES, area=difference.area), FAR_MAX
                     ),
                     "cost": value,
