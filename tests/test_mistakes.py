@@ -17,6 +17,7 @@ import flgpr
 from flgpr.commands.app import app
 from flgpr.model import make_run
 from flgpr.model.track import make_track, poses_at
+from flgpr.scoring import example_roc, pd_mean
 from flgpr.store import sample_lane, save_run
 from small_lane import LANE_TOML, TARGETS, small_recipe, small_run
 from small_results import small_result
@@ -318,6 +319,10 @@ DOUBTS = {
     "a rate beyond the list": (
         f"score {{in}}/alarms.csv {SCORE} --far 500",
         "beyond the .* of the whole list",
+    ),
+    "a mean of Pd beyond the list": (
+        lambda _: pd_mean(example_roc([3.0, 2.0, 1.0], [1, 0, 0], 50.0, n_targets=2), 0.5),
+        "curve ends at 0.04 false alarms per m².*to far_max of 0.5 its last Pd, 0.5, is taken",
     ),
     "depths in centimetres": (
         "score {in}/alarms.csv --truth {in}/depth-cm.csv {lane}",

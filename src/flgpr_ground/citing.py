@@ -11,6 +11,7 @@ import pandas as pd
 import flgpr
 from flgpr.scoring import paired_interval
 from flgpr_ground.card import Card
+from flgpr_ground.entries import packaged_entries
 from flgpr_ground.ground import GROUNDS, Ground, by_pd, load_ground, scores_at
 
 CREATOR = "The flgpr developers"
@@ -109,11 +110,14 @@ def latex_table(ground: Ground, scores: pd.DataFrame, split: str) -> str:
     str
         LaTeX text: an environment ``tabular``, and comments that say what is in it.
     """
+    reference = ground.table.reference
+    if reference in packaged_entries(ground):
+        reference += f", {packaged_entries(ground)[reference].title}"
     lines = [
         f"% {cite_ground(ground)} Split {split}; \\usepackage{{booktabs}}.",
         f"% Pd of mines at {ground.table.far:g} false alarms per m^2, exact 95 % intervals; chance: "
         "Pd of alarms that know nothing of the mines;",
-        f"% difference from {ground.table.reference}: Tango's 95 % interval, p of McNemar's exact test.",
+        f"% difference from {reference}: Tango's 95 % interval, p of McNemar's exact test.",
         "\\begin{tabular}{lrrrrrr}",
         "\\toprule",
         "detector & $P_d$ & found & false & chance & difference & $p$ \\\\",

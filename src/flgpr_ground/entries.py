@@ -146,7 +146,15 @@ def find_entry(what: str | Path, ground: Ground) -> Entry:
                 f"a folder that enters must hold alarm lists, SPLIT.csv, got none in {path}"
             )
         return Entry(path.name, f"alarms of {path.name}", alarms=path)
-    text = recipe_text(what)
+    try:
+        text = recipe_text(what)
+    except ValueError as error:
+        if path.exists():
+            raise
+        raise ValueError(
+            f"{error}; a class of your own is named MODULE:CLASS, and `flgpr benchmark list` lists "
+            "the packaged entries"
+        ) from None
     return Entry(path.stem, parse_recipe(text, str(what)).description, text)
 
 

@@ -143,12 +143,12 @@ def load_own(path: str) -> OwnDetector:
     ValueError
         If there is no such module or attribute, importing fails, or it has not the methods.
     """
-    if not _NAME.fullmatch(path):
-        raise ValueError(
-            f"a detector of one's own must be named MODULE:CLASS, such as my_package:MyEstimator, "
-            f"got {path!r}"
-        )
     module_name, _, attribute = path.partition(":")
+    if not _NAME.fullmatch(path) or module_name.endswith(".py"):
+        raise ValueError(
+            f"a detector of one's own must be named MODULE:CLASS without .py, such as "
+            f"my_package:MyEstimator, got {path!r}"
+        )
     module = _import(module_name)
     make = getattr(module, attribute, None)
     if make is None:

@@ -37,7 +37,13 @@ from flgpr_ground.ground import Ground, opening_split
 from flgpr_ground.lane_data import lane_data
 from flgpr_ground.lanes import SEALED, passphrase, read_ground
 from flgpr_ground.running import ALARMS, entry_folder
-from flgpr_ground.table import chosen_mines, paired_sentence, score_entries, write_page
+from flgpr_ground.table import (
+    chosen_mines,
+    described,
+    paired_sentence,
+    score_entries,
+    write_page,
+)
 from flgpr_trials.blind import open_truth
 
 CHIP = 1.25  # m, half the side of a chip
@@ -132,12 +138,15 @@ def compare_entries(
     names = (entry, other or ground.table.reference)
     if names[0] == names[1]:
         raise ValueError(f"other must be another entry than {entry}, got the same")
+    titles, faults, _ = described(ground, [home])
     tiers = [of for of in ground.chosen_tiers(tier) if all(_has(home, name, of) for name in names)]
     if not tiers:
-        known = sorted(path.name for path in (home / "entries").glob("*"))
+        known = ", ".join(sorted(path.name for path in (home / "entries").glob("*"))) or "none"
+        reasons = [fault for fault in faults if fault.partition(" ")[0] in names]
+        why = "; ".join([*reasons, f"in {home} are {known}"])
         raise ValueError(
             f"both entries must have run on a tier, split {opening_split(ground)}, got {names[0]} and "
-            f"{names[1]}; in {home} are {', '.join(known) or 'none'}"
+            f"{names[1]}; {why}"
         )
     scores, _ = score_entries([home])
     truth, *_ = open_truth(home / "lanes" / SEALED, passphrase(ground))
@@ -166,6 +175,7 @@ def compare_entries(
         ground=ground,
         split=opening_split(ground),
         names=names,
+        titles=titles,
         tiers=parts,
         side=2 * CHIP,
         halo=100 * ground.table.halo / CHIP,

@@ -19,11 +19,11 @@ from flgpr.scoring import (
     clopper_pearson,
     match,
     operating_row,
-    pd_mean,
     random_pd,
     roc_of,
 )
 from flgpr.scoring.comparison import paired_points
+from flgpr.scoring.curve import held_pd_mean
 from flgpr.scoring.matching import Match
 from flgpr.store import sha256, write_whole
 from flgpr.store.outputs import log_finished
@@ -277,7 +277,7 @@ def _points(
         row |= {name: int(point[name]) for name in ("n_detected", "n_targets", "n_false")}
         row["area"] = float(curve.attrs["area"])
         if allowed == ground.table.far:
-            row["pd_mean"] = float(pd_mean(curve, max(fars)))
+            row["pd_mean"] = float(held_pd_mean(curve, max(fars)))
             if reference is not None:
                 (paired,) = paired_points(matched, reference, [allowed], rows)
                 row["only"] = paired["only_first"]
@@ -320,7 +320,8 @@ def table_text(ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame) -> str
     tier_width = max((len(name) for name in ground.table.tiers), default=0)
     head = f"{'cost':{width + 2}} {'':{tier_width}}"
     lines += ["", f"{head} processor s/km  training s  largest process MiB"]
-    for cost in costs.to_dict("records"):
+    # What did not finish cost nothing that was measured.
+    for cost in costs[costs["entry"].isin(scores["entry"])].to_dict("records"):
         name = f"  {cost['entry']:{width}} {cost.get('tier', ''):{tier_width}}"
         seconds, training, peak_mib = costs_in_words(cost)
         lines.append(f"{name} {seconds:>14} {training:>11} {peak_mib:>20}")
@@ -428,7 +429,7 @@ def write_score_tables(folders: Sequence[str | Path], output: str | Path) -> str
     target.mkdir(parents=True, exist_ok=True)
     write_whole(target / "scores.csv", scores.to_csv(index=False, float_format="%.6g"))
     write_whole(target / "costs.csv", costs.to_csv(index=False, float_format="%.4g"))
-    titles, faults, own = _described(ground, benchmarks)
+    titles, faults, own = described(ground, benchmarks)
     titles |= {name: title for name, (_, title) in ORACLES.items() if name in set(scores["entry"])}
     opening = scores_at(scores, ground, opening_split(ground))
     told = []
@@ -448,10 +449,27 @@ def write_page(path: Path, page: str) -> None:
     write_whole(path, page)  # leaves a file of the same bytes as it is
 
 
-def _described(
+def described(
     ground: Ground, folders: Sequence[Path]
 ) -> tuple[dict[str, str], list[str], list[str]]:
-    """Return titles by entry, reasons of those that did not finish, and those of one's own."""
+    """Describe the entries that began in benchmark folders.
+
+    Parameters
+    ----------
+    ground : Ground
+        The ground with all of its tiers.
+    folders : sequence of Path
+        Folders of ``flgpr benchmark run``.
+
+    Returns
+    -------
+    titles : dict of str to str
+        What each entry is.
+    faults : list of str
+        Which did not finish, and why; each begins with the name of the entry.
+    own : list of str
+        Those that are classes of one's own.
+    """
     titles: dict[str, str] = {}
     faults = []
     own = []

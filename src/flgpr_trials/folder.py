@@ -18,7 +18,7 @@ from flgpr.store.files import existing, write_whole
 from flgpr.store.outputs import atomic_output, log_finished, output_exists_error
 from flgpr.toml_text import toml_lines
 from flgpr_trials.ledger import TRIAL, read_register, register
-from flgpr_trials.planning import sample_size
+from flgpr_trials.planning import mines_needed, sample_size
 
 TRIAL_FILE = "trial.toml"
 REGISTER_FILE = "register.jsonl"
@@ -46,6 +46,10 @@ class Requirement(Entries):
     def in_words(self) -> str:
         """Return what is to be shown."""
         return f"Pd >= {self.pd:g} with {100 * self.confidence:g} % confidence"
+
+    def least_mines(self) -> int:
+        """Return how many mines it takes at least, if none is missed."""
+        return mines_needed(self.pd, 0, self.confidence)
 
 
 class TrialEntries(Entries):
@@ -232,6 +236,24 @@ def require_trial_rules(
             raise ValueError(
                 f"{name} must be {stated[name]:g} as the trial of {path} asks for, got {value:g}"
             )
+
+
+def too_few_mines(neighbour: Path, count: int) -> str:
+    """Return in words that so many mines cannot show what a trial asks for; "" where they can.
+
+    The trial is the one in whose folder ``neighbour`` lies; outside of one nothing is asked for.
+    """
+    path = trial_register(neighbour)
+    if path is None:
+        return ""
+    wanted = Requirement(**read_register(path)[0]["requirement"])
+    least = wanted.least_mines()
+    if count >= least:
+        return ""
+    return (
+        f"{count} mines are too few: {wanted.in_words()} takes {least} without a miss, "
+        "so that no detector can show it"
+    )
 
 
 def _sorts_text(mines: int) -> str:

@@ -21,9 +21,9 @@ from flgpr.store.dialects import TableReading
 from flgpr.store.tables import parse_table, split_alarm_rows
 from flgpr_trials.ledger import content_hash
 
-_UNITS = ("ft", "in", "cm", "mm")  # that a list may be in, the largest first
-_MOSTLY = 0.5  # of the rows: if fewer lie in the lane, another unit may be meant
-_CLEARLY = 0.9  # of the rows that lie in the lane in the unit that is meant
+_UNITS = {"ft": "feet", "in": "inches", "cm": "centimetres", "mm": "millimetres"}
+"""Units that a list may be in, the largest first: in a smaller one all places lie at the lane's begin."""
+_MOSTLY = 0.5  # of the rows lie in the lane or its halo, in the unit that is meant
 _FARTHEST = 1e4  # m; beyond it coordinates are those of a map
 _OUTSIDE = "outside the lane"
 _UNREADABLE = "unreadable"
@@ -87,7 +87,8 @@ class ReadList:
                 f"{self.doubts[0]}"
             )
         if not len(self.used):
-            raise ValueError(f"a list must have a row that is used to be signed: {self.in_words()}")
+            told = "; ".join([self.in_words(), *self.doubts[:1]])
+            raise ValueError(f"a list must have a row that is used to be signed: {told}")
 
     def facts(self, lanes: Mapping[str, Lane], data: bytes) -> dict[str, str]:
         """Return what the page states of the file, whose content is given."""
@@ -172,8 +173,11 @@ def read_vendor_list(
         rows["lane"] = rows["lane"].fillna("").astype(str).replace("", only_lane)
     rows = rows.assign(line=lines, used=are_near(rows, lanes, halo))
     lane_of_rows(rows[rows["used"]], lanes, "alarms")
-    probable_unit = _probable_unit(rows, lanes) if unit is None else ""
+    probable_unit = _probable_unit(rows, lanes, halo) if unit is None else ""
     doubts = _doubts(rows, lanes, probable_unit)
+    if faults:
+        line, reason = faults[0]
+        doubts.append(f"The first unreadable row is in line {line}: {reason}")
     dropped += _not_in_lanes(rows, lanes)
     dropped.sort(key=attrgetter("line"))
     return ReadList(vendor, name, rows, dropped, doubts, notes, probable_unit)
@@ -192,18 +196,18 @@ def _not_in_lanes(rows: pd.DataFrame, lanes: Mapping[str, Lane]) -> list[Dropped
     return dropped
 
 
-def _probable_unit(rows: pd.DataFrame, lanes: Mapping[str, Lane]) -> str:
-    """Return the unit in which clearly more rows would lie in the lane; "" for metres."""
-    if not len(rows) or are_near(rows, lanes).mean() >= _MOSTLY:
+def _probable_unit(rows: pd.DataFrame, lanes: Mapping[str, Lane], halo: float) -> str:
+    """Return the unit in which most rows would lie in the lane or its halo; "" for metres."""
+    swapped = rows.rename(columns={"x": "y", "y": "x"})
+    in_metres = max(rows["used"].sum(), are_near(swapped, lanes, halo).sum())
+    if in_metres >= _MOSTLY * len(rows):
         return ""
-    if rows[["x", "y"]].abs().median().max() > _FARTHEST:
-        return "UTM"
     for unit in _UNITS:
         factor = UNITS["length"][unit]
         scaled = rows.assign(x=factor * rows["x"], y=factor * rows["y"])
-        if are_near(scaled, lanes).mean() >= _CLEARLY:
+        if are_near(scaled, lanes, halo).mean() >= _MOSTLY:
             return unit
-    return ""
+    return "UTM" if rows[["x", "y"]].abs().median().max() > _FARTHEST else ""
 
 
 def _doubts(rows: pd.DataFrame, lanes: Mapping[str, Lane], probable_unit: str) -> list[str]:
@@ -216,7 +220,7 @@ def _doubts(rows: pd.DataFrame, lanes: Mapping[str, Lane], probable_unit: str) -
         )
     elif probable_unit:
         doubts.append(
-            f"Places look like {probable_unit}, in which they would lie in the lane: "
+            f"Places look like {_UNITS[probable_unit]}, in which most would lie in the lane: "
             f"give `--unit {probable_unit}`, or `--unit m` if they are metres all the same"
         )
     outside = ~are_near(rows, lanes)
@@ -226,10 +230,14 @@ def _doubts(rows: pd.DataFrame, lanes: Mapping[str, Lane], probable_unit: str) -
             f"Of the rows that are used {near} lie outside the lane by less than the halo: "
             "they can find a mine at its edge, and are no false alarms"
         )
+    if not len(rows):
+        return doubts
     for doubt in table_doubts(rows.drop(columns=["line", "used"]), "alarms", lanes):
+        is_swapped = probable_unit == "" and "swapped" in doubt
         # The sentence of the page counts those outside.
-        if "outside" not in doubt or (probable_unit == "" and "swapped" in doubt):
-            doubts.append(doubt[0].upper() + doubt[1:])
+        if "outside" not in doubt or is_swapped:
+            remedy = " If so, give `--columns x=y,y=x`" if is_swapped else ""
+            doubts.append(doubt[0].upper() + doubt[1:] + remedy)
     values = np.unique(rows["confidence"])
     if len(values) == 1 and len(rows) > 1:
         doubts.append(

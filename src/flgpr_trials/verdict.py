@@ -19,7 +19,6 @@ from flgpr.scoring import (
     side_by_side,
 )
 from flgpr_trials.folder import Requirement
-from flgpr_trials.planning import mines_needed
 
 GROUPS = ("kind", "depth", "lane")
 """Columns of the truth by which Pd is broken down."""
@@ -49,7 +48,7 @@ class Verdict:
         for row in self.points.to_dict("records"):
             found.append(f"{row['detector']} {row['n_detected']:.0f} of {count}")
         parts = [", ".join([*found, *self._differences()]), self._shown()]
-        least = mines_needed(wanted.pd, 0, wanted.confidence)
+        least = wanted.least_mines()
         if count < least:
             parts.append(f"none could, for that takes {least} mines without a miss")
         return f"At the registered {wanted.far:g} per m²: {'; '.join(parts)}."

@@ -23,7 +23,7 @@ def stated_counts(study):
     """Counts of agreement, by world, that the page states."""
     page = (EVIDENCE / "verdicts.md").read_text(encoding="utf-8")
     table = page.partition("## Agreement by paper")[2].partition("\n## ")[0]
-    row = next(line for line in table.splitlines() if line.startswith(f"| {study} |"))
+    row = next(line for line in table.splitlines() if line.startswith(f"| [{study}]("))
     cells = row.strip("| ").split("|")[1:3]
     return [
         [int(number) for number in re.match(r"\s*(\d+), (\d+), (\d+)", cell).groups()]

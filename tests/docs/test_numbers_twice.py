@@ -84,7 +84,7 @@ def test_the_pages_first_sentence_has_the_sums_of_its_table():
     table = page.partition("## Agreement by paper")[2].partition("\n## ")[0]
     counts = []
     for title in PAPERS.values():
-        row = next(line for line in table.splitlines() if line.startswith(f"| {title} |"))
+        row = next(line for line in table.splitlines() if line.startswith(f"| [{title}]("))
         counts.append(
             [int(n) for n in re.match(r"\s*(\d+), (\d+), (\d+)", row.split("|")[2]).groups()]
         )

@@ -8,7 +8,8 @@ import pytest
 
 from flgpr.model import Lane
 from flgpr.recipe.schema import load_recipe
-from flgpr.scoring import pd_mean, roc_of
+from flgpr.scoring import roc_of
+from flgpr.scoring.curve import held_pd_mean
 from flgpr_papers.wang2007.analysis import (
     FAR_MAX,
     MINES,
@@ -65,10 +66,10 @@ def test_the_cost_is_the_difference_of_pd_mean_with_either_area():
     # share of the 0.1 per m².
     first = one_lane([10.0, 30.0, 45.0], [3.0, 2.0, 1.0])
     second = one_lane([10.0, 30.0, 45.0], [3.0, 1.0, 2.0])
-    assert pd_mean(roc_of(first, MINES, area="paper"), FAR_MAX) == 1
+    assert held_pd_mean(roc_of(first, MINES, area="paper"), FAR_MAX) == 1
     left = 100 - 2 * np.pi  # m², halos of 1 m lie within the lane: both rules agree
     behind = 1 - 1 / left / 0.1
-    told = pd_mean(roc_of(second, MINES, area="paper"), FAR_MAX)
+    told = held_pd_mean(roc_of(second, MINES, area="paper"), FAR_MAX)
     assert told == pytest.approx((1 + behind) / 2)
     value, low, high = paired_cost(first, second, "paper", 200)
     assert value == pytest.approx((1 - behind) / 2)

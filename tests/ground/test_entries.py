@@ -59,5 +59,5 @@ def test_entries_are_found_by_name_recipe_or_folder(tmp_path):
     assert find_entry(own, ground).name == "mine"
     with pytest.raises(ValueError, match="must hold alarm lists"):
         find_entry(tmp_path / "..", ground)
-    with pytest.raises((ValueError, FileNotFoundError), match="nothing-like-it"):
-        find_entry("nothing-like-it", ground)
+    with pytest.raises(ValueError, match=r"package.Mine; a class .* is named MODULE:CLASS"):
+        find_entry("package.Mine", ground)

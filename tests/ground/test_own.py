@@ -101,6 +101,7 @@ def module(tmp_path, monkeypatch):
         ),
         ("class Mine:\n def fit(self, X, y): pass", "own_module:Mine", "Mine without decision_function"),
         ("class Mine: pass", "own_module:Mine", "without fit and without decision_function"),
+        ("class Mine: pass", "own_module.py:Mine", "MODULE:CLASS without .py, .* got 'own_module.py"),
     ],
 )  # fmt: skip
 def test_what_is_no_detector_is_told(module, text, path, told):
@@ -266,6 +267,12 @@ def test_two_entries_are_compared_mine_by_mine(field, tmp_path):
         ValueError, match=r"both entries must have run on a tier.*in .* are fails, "
     ):
         compare_entries(out, "not-there")
+    with pytest.raises(
+        ValueError, match=r"fails did not finish: fit of lanes_class:Fails must not"
+    ):
+        compare_entries(out, "fails")
+    assert "  fails " not in write_score_tables([out], tmp_path / "table")  # it cost nothing
+    assert "<b>whole-lanes</b>: lanes_class:WholeLanes." in text
     with pytest.raises(ValueError, match="another entry"):
         compare_entries(out, "one")
     # What is made after somebody saw the test lanes says so.
@@ -303,21 +310,31 @@ def test_from_the_template_to_the_leaderboard(tmp_path, monkeypatch):
         assert done.exit_code == 0, done.output
         return done.stdout
 
-    call("template")
+    printed = call("template")
     call("template")
     source = tmp_path / "my_detector.py"
     source.write_text(source.read_text() + "# changed\n")
     again = CliRunner().invoke(app, ["benchmark", "template"])
     assert again.exit_code == 2
-    words = (tmp_path / "my_detector.md").read_text().split("`")[1].split()
+    [line] = [line for line in source.read_text().splitlines() if line.startswith("flgpr ")]
+    assert printed == f"wrote my_detector.py\nnext: {line}\n"
+    words = line.split()
     assert words[:2] == ["flgpr", "benchmark"]
     text = call(*words[2:])
     assert text.startswith("prepared: my-detector misses ")
-    call("enter", "proving-ground/submissions/my-detector")
+    entered = call("enter", "proving-ground/submissions/my-detector")
+    assert "\nentered: proving-ground/submissions/my-detector\npage: " in entered
     board = tmp_path / "proving-ground" / "leaderboard.html"
     assert "Logistic regression on local contrasts" in board.read_text("utf-8")
     write_leaderboard([tmp_path / "proving-ground"], tmp_path / "board.html")
-    assert "my-detector misses" in call("compare", "my-detector")
+    compared = call("compare", "my-detector")
+    assert "my-detector misses" in compared
+    assert compared.endswith("for a paper, beside it: cite.bib, roc-prepared.pdf, table.tex\n")
+    paper = tmp_path / "proving-ground" / "compared" / "my-detector-wang2007"
+    assert (
+        "% difference from wang2007, C_HH in the sub-band F1" in (paper / "table.tex").read_text()
+    )
+    assert "<b>wang2007</b>: C_HH in the sub-band F1" in (paper / "index.html").read_text("utf-8")
 
 
 def test_a_ground_without_features_says_so_before_lanes_are_made(module, tmp_path):

@@ -11,7 +11,7 @@ from flgpr.clutter import equal_cost, standing_field, subtract_standing
 from flgpr.imaging import ImagingOperator
 from flgpr.model import make_run, vehicle_to_lane
 from flgpr.progress import silent
-from flgpr.scoring import pd_mean
+from flgpr.scoring.curve import held_pd_mean
 from flgpr.simulate import draw_world
 from flgpr_papers.fuse2018 import process
 from flgpr_papers.fuse2018 import study as fuse2018
@@ -315,7 +315,7 @@ def test_scores_count_every_frame_or_every_place(lanes):
     place = lane_match(lane, "original", RECIPE)
     assert len(place.truth) == len(frames.truth)
     better = [
-        pd_mean(scored(lane, name, RECIPE, "frames")[1]) for name in ("iteration", "original")
+        held_pd_mean(scored(lane, name, RECIPE, "frames")[1]) for name in ("iteration", "original")
     ]
     assert better[0] >= better[1]
 

@@ -11,8 +11,9 @@ from flgpr.imaging import ScanImager
 from flgpr.method.classifier import CLASSIFIER_A
 from flgpr.progress import silent
 from flgpr.recipe.schema import load_recipe, parse_recipe
-from flgpr.scoring import pd_mean, roc_of
+from flgpr.scoring import roc_of
 from flgpr.scoring.bootstrap import make_design, make_scores
+from flgpr.scoring.curve import held_pd_mean
 from flgpr.simulate import Simulator
 from flgpr.store import open_run, write_bundle
 from flgpr_papers.kit.cache import store_lane
@@ -57,7 +58,7 @@ def test_the_scorer_is_pd_mean_of_the_curve(results, pool):
         confidence = np.round(rng.normal(size=len(pool.labels)), 1)
         confidence[rng.random(confidence.size) < 0.1] = -np.inf
         for area in ("union", "paper"):
-            want = pd_mean(roc_of(pool.match_of(confidence), MINES, area=area))
+            want = held_pd_mean(roc_of(pool.match_of(confidence), MINES, area=area))
             assert Rescorer(pool.reference, MINES, area=area)(confidence) == pytest.approx(
                 want, abs=1e-12
             )
@@ -154,7 +155,7 @@ def test_table_one_holds_what_scoring_says_of_each_confidence(pool):
                 pool.match_of(pool.confidence([f"{name}_F1"], method)), MINES, area="paper"
             )
             assert table.loc[method, name] == pytest.approx(
-                pd_mean(curve), abs=0.03
+                held_pd_mean(curve), abs=0.03
             )  # P_H lacks one alarm
     strong = [
         "C_HH",

@@ -16,13 +16,13 @@ from flgpr.scoring import (
     match,
     mcnemar_test,
     pd_at,
-    pd_mean,
     pd_mean_interval,
     poisson_interval,
     roc,
     sign_flip_test,
 )
 from flgpr.scoring.bootstrap import make_design, make_scores, tails
+from flgpr.scoring.curve import held_pd_mean
 
 LANE = Lane(0.0, 4.0, 0.0, 60.0)
 
@@ -102,7 +102,7 @@ def test_draws_are_reproducible_and_clusters_and_lanes_widen_a_band():
     loose = pd_mean_interval(twice)
     assert np.diff(grouped)[0] > 1.2 * np.diff(loose)[0]
     low, high = pd_mean_interval(matched, draws=300)
-    assert low <= pd_mean(roc(alarms, truth, LANE)) <= high
+    assert low <= held_pd_mean(roc(alarms, truth, LANE)) <= high
 
 
 def test_several_lanes_are_drawn_as_wholes():
@@ -194,7 +194,7 @@ def test_a_detector_compared_with_itself_does_not_differ():
         1,
         1,
     )
-    assert same.pd_mean_a == pytest.approx(pd_mean(roc(*drawn(5), LANE)))
+    assert same.pd_mean_a == pytest.approx(held_pd_mean(roc(*drawn(5), LANE)))
 
 
 def test_a_comparison_is_antisymmetric_and_sees_a_better_detector():
@@ -217,7 +217,7 @@ def test_a_comparison_is_antisymmetric_and_sees_a_better_detector():
 
 
 def roc_mean(alarms, truth):
-    return pd_mean(roc(alarms, truth, LANE))
+    return held_pd_mean(roc(alarms, truth, LANE))
 
 
 def test_two_passes_over_a_mine_count_once_in_the_tests():

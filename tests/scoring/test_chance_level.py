@@ -14,12 +14,12 @@ from flgpr.scoring import (
     compare,
     match,
     operating_row,
-    pd_mean,
     pd_table,
     random_pd,
     roc_of,
     score,
 )
+from flgpr.scoring.curve import held_pd_mean
 from flgpr.trials import score_blind, seal_truth
 
 LONG = Lane(-6.0, 6.0, 0.0, 2000.0)
@@ -189,7 +189,9 @@ def test_every_pd_that_is_told_has_its_chance(scored):
     assert {"pd", "pd_low", "pd_high", "chance"} <= set(told["operating_point"])
     assert all("chance" in row for row in told["points"])
     assert (
-        told["pd_mean"]["chance"] == pd_mean(scored.curve.assign(pd=scored.curve["chance"])) > 0.1
+        told["pd_mean"]["chance"]
+        == held_pd_mean(scored.curve.assign(pd=scored.curve["chance"]))
+        > 0.1
     )
     assert set(told["kinds"]) == {"metal", "plastic"}
     for name, kind in told["kinds"].items():

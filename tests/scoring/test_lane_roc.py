@@ -22,6 +22,7 @@ from flgpr.scoring import (
     union_area,
     with_area,
 )
+from flgpr.scoring.curve import held_pd_mean
 
 LANE = Lane(0.0, 4.0, 0.0, 20.0)
 
@@ -111,7 +112,7 @@ def test_many_lists_score_by_the_papers_sentences(seed):
             curve = roc(alarms, truth, SHORT, halo, area="paper")
             want = wang_roc(rows, targets, SHORT, halo)
             share = best_share(want, len(targets), wang_area(targets, SHORT, halo), 0.2)
-            assert pd_mean(curve, 0.2) == pytest.approx(share)
+            assert held_pd_mean(curve, 0.2) == pytest.approx(share)
         assert (
             list(zip(curve["threshold"], curve["n_detected"], curve["n_false"], strict=True))
             == want
@@ -190,7 +191,7 @@ def test_first_row_declares_nothing_and_an_empty_table_has_only_that_row():
     assert curve[["threshold", "pd", "far", "n_detected", "n_false"]].to_numpy().tolist() == [
         [math.inf, 0, 0, 0, 0]
     ]
-    assert pd_mean(curve) == 0.0
+    assert held_pd_mean(curve) == 0.0
 
 
 def test_ties_are_one_step_and_the_border_of_halo_and_lane_is_within():
@@ -277,7 +278,7 @@ def test_pd_mean_is_the_mean_over_targets_of_what_is_left_of_the_allowance(rows,
     truth = truth_table([p for p, _ in placed])
     needed = assign(match(alarm_table(rows), truth, LANE))["far"]
     want = np.maximum(0, 1 - needed / 0.3).mean()
-    assert pd_mean(roc(alarm_table(rows), truth, LANE), 0.3) == pytest.approx(want)
+    assert held_pd_mean(roc(alarm_table(rows), truth, LANE), 0.3) == pytest.approx(want)
 
 
 GOOD_ALARMS = alarm_table([(1, 2, 1.0), (2, 5, 3.0)])

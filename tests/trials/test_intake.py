@@ -58,13 +58,29 @@ def test_a_list_without_faults_is_used_as_a_whole_whatever_its_dialect():
         read(rows(SPREAD), unit="ell")
 
 
-@pytest.mark.parametrize(("unit", "factor"), [("ft", 0.3048), ("cm", 0.01)])
-def test_a_list_in_another_unit_is_told_and_taken_when_it_is_stated(unit, factor):
-    taken = read(rows(SPREAD, factor))
-    assert taken.unit == unit
-    assert f"Places look like {unit}" in taken.doubts[0]
-    assert len(read(rows(SPREAD, factor), unit=unit).used) == len(SPREAD)
-    assert read(rows(SPREAD)).unit == ""
+LONG = {"": Lane(-2, 2, 0, 200)}
+# A search wider than the lane: two of seven alarms lie beside it, in its halo or farther out.
+WIDE = [((number % 7 - 3) * 1.1, 3.0 * number) for number in range(66)]
+
+
+@pytest.mark.parametrize(
+    ("unit", "words", "factor"),
+    [
+        ("ft", "feet", 0.3048),
+        ("in", "inches", 0.0254),
+        ("cm", "centimetres", 0.01),
+        ("mm", "millimetres", 0.001),
+    ],
+)
+def test_a_list_in_another_unit_is_told_and_taken_when_it_is_stated(unit, words, factor):
+    for places, lanes in ((SPREAD, LANES), (WIDE, LONG)):
+        taken = read(rows(places, factor), lanes)
+        assert taken.unit == unit
+        assert f"Places look like {words}" in taken.doubts[0]
+        used = len(read(rows(places), lanes).used)
+        assert len(read(rows(places, factor), lanes, unit=unit).used) == used
+        assert read(rows(places), lanes).unit == ""
+        assert read(rows([(y, x) for x, y in places]), lanes).unit == ""  # but swapped
 
 
 def test_places_of_a_map_are_told():
@@ -81,9 +97,22 @@ def test_repeated_alarms_equal_confidences_and_swapped_axes_are_told():
         "All confidences are equal (1): the list has one operating point",
     ]
     taken = read(rows([(y, x) for x, y in SPREAD]))
-    assert any("axes swapped?" in doubt for doubt in taken.doubts)
+    assert taken.doubts[-1].endswith("axes swapped? If so, give `--columns x=y,y=x`")
+    again = read(rows([(y, x) for x, y in SPREAD]), reading=TableReading({"x": "y", "y": "x"}))
+    assert len(again.used) == len(SPREAD)
     unranked = read("x,y\n0,10\n1,20\n", reading=TableReading(unranked=True))
     assert len(unranked.used) == 2
+
+
+def test_why_no_row_of_a_list_is_used_is_told():
+    taken = read("x,y,confidence\n0,10,90 %\n0,20,80 %\n")
+    assert taken.doubts == [
+        'The first unreadable row is in line 2: confidence is no number: "90 %"'
+    ]
+    with pytest.raises(
+        ValueError, match=r"used to be signed: None of 2 .* in line 2: confidence is"
+    ):
+        taken.require_clear()
 
 
 def test_rows_of_no_lane_of_the_test_are_dropped():

@@ -92,7 +92,11 @@ def test_what_was_emplaced_takes_the_place_of_the_plan(trial, book):
         ),
         (
             {"emplaced_x_m_3": "left", "emplaced_y_m_3": "1"},
-            "T4: emplaced_x_m must be within 1 m .* got left",
+            "T4: emplaced_x_m must be a number of metres .* got left",
+        ),
+        (
+            {"emplaced_3": "", "emplaced_depth_m_5": "12"},
+            "T4: emplaced must be yes or no, got ''; T6: emplaced_depth_m must be within 1 m",
         ),
         (
             {"target_id_3": "T9"},

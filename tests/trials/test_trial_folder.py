@@ -89,6 +89,29 @@ def test_plan_and_seal_find_the_register_and_keep_the_requirement(tmp_path):
     assert [line["event"] for line in read_register(home / "register.jsonl")] == ["trial", "plan"]
 
 
+def test_too_few_mines_are_told_before_lists_come(tmp_path):
+    home = tmp_path / "t"
+    trial_new(home, pd_claim=0.5, lane=short_lane(home))
+    (home / "sorts.csv").write_text("kind,depth,count\nmetal,0.05,5\n")
+
+    def told(*words):
+        done = CliRunner().invoke(app, ["plan", *map(str, words)])
+        assert done.exit_code == 0, done.output
+        return done.stdout
+
+    plan = home / "plan.csv"
+    whole = told("lane", home / "lanes.toml", home / "sorts.csv", "-o", plan, "--far", 0.05)
+    assert "too few" not in whole
+    sheet = pd.read_csv(home / "plan-sheet.csv", dtype=str).assign(emplaced="yes")
+    sheet.loc[3, "emplaced"] = "no"
+    sheet.to_csv(home / "filled.csv", index=False)
+    left = told("survey", plan, home / "filled.csv", "-o", home / "truth.csv")
+    assert left.endswith(
+        "4 mines are too few: Pd >= 0.5 with 95 % confidence takes 5 without a miss, "
+        "so that no detector can show it\n"
+    )
+
+
 def test_from_intake_to_verdict(trial):
     shown = take_in(trial, signed=None)
     assert shown.line is None

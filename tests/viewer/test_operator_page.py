@@ -155,14 +155,21 @@ def test_a_result_of_a_trained_detector_opens_where_it_decides(watch, serving, t
             assert "decides for a mine" in one.text("#point")
 
 
-def test_without_truth_the_page_begins_with_what_stands_out(watch, serving, tmp_path):
+def test_without_truth_the_page_begins_with_what_stands_out_and_on_which_ground(
+    watch, serving, tmp_path
+):
     stands_out = StandingOut(1, 2, 9.0, "tail", 0.01).as_json()
-    small_result(tmp_path / "told", stands_out=stands_out)
+    notes = ["this ground is unlike the training", "the eigenvalue is 11.9 (limit 8.23)"]
+    small_result(tmp_path / "told", stands_out=stands_out, unlike={"notes": notes})
     with serving([tmp_path / "told"]) as viewer:
-        one = watch(viewer, size=(390, 844))
-        assert one.text("#answer") == "1 place stands out, 2 are weak."
-        assert one.text("#point").startswith("At most one place of this lane's clutter")
-        assert one.page.locator("#answer").bounding_box()["y"] < 200
+        for size in ((390, 844), (820, 1180), (1280, 800)):
+            one = watch(viewer, size=size)
+            assert one.text("#answer") == "1 place stands out, 2 are weak."
+            assert one.text("#unlike") == "This ground is unlike the training."
+            assert one.text("#point").startswith("At most one place of this lane's clutter")
+            assert one.text("#point").endswith("The eigenvalue is 11.9 (limit 8.23).")
+            for name in ("#answer", "#unlike"):
+                assert one.page.locator(name).bounding_box()["y"] < 250
 
 
 def test_ground_that_no_scan_has_seen_is_hatched_and_says_why(watch, serving, tmp_path):

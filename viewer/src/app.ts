@@ -240,14 +240,14 @@ export class App implements Page {
   detectionChanged(): void {
     const { unlike = [] } = this.source.index;
     const told = this.standing;
-    el("unlike").hidden = !unlike.length;
-    el("unlike").textContent = sentences(unlike);
+    el("unlike").textContent = sentences(unlike.slice(0, 1));
     this.thresholds = this.detection ? thresholdsOf(this.source, this.detection.name) : [null];
     const curve = this.detection && curveOf(this.source.score, this.detection.name, null, null);
     const border = curve ? null : (told?.border ?? this.detection?.border ?? null);
     const learnt = border === null ? -1 : this.thresholds.filter((one) => one === null || one >= border).length - 1;
     this.row = curve?.point?.row ?? (learnt < 0 ? this.thresholds.length - 1 : learnt);
-    el("point").textContent = curve ? pointWords(curve) : told ? sentences(told.notes.slice(1)) : border === null ? "" : `Opened where the detector decides for a mine by what it has learnt: confidence ${digits(border)}.`;
+    const point = curve ? pointWords(curve) : told ? sentences(told.notes.slice(1)) : border === null ? "" : `Opened where the detector decides for a mine by what it has learnt: confidence ${digits(border)}.`;
+    el("point").textContent = [point, sentences(unlike.slice(1))].filter(Boolean).join(" ");
     this.selected = null;
     this.ticked.clear();
     el<HTMLInputElement>("threshold").max = String(Math.max(this.thresholds.length - 1, 0));

@@ -191,7 +191,12 @@ def to_numbers(values: pd.Series[Any], name: str, unit: str) -> pd.Series[Any]:
         except (ValueError, TypeError, OverflowError):
             text = str(value) if isinstance(value, str) else shown_number(value)
             shown = repr(text) if len(text) < _LONGEST_SHOWN else f"{text[:20]!r}... of {len(text)}"
+            hint = (
+                "; decimal commas need semicolons or tabs between the columns"
+                if text.count(",") == 1
+                else ""
+            )
             raise ValueError(
-                f"{name} must be numbers ({unit}), got {shown} in row {row} below the header"
+                f"{name} must be numbers ({unit}), got {shown} in row {row} below the header{hint}"
             ) from None
     raise ValueError(f"{name} must be numbers ({unit}), got {values.dtype}")

@@ -27,11 +27,11 @@ from flgpr.scoring import (
     Score,
     SideBySide,
     operating_row,
-    pd_mean,
     refraction_shift,
     score,
     score_frames,
 )
+from flgpr.scoring.curve import held_pd_mean
 from flgpr.store.view_format import VIEW_SCORE, sealed_view_score, view_score_body
 from flgpr.types import BoolArray, FloatArray, floats
 
@@ -347,7 +347,7 @@ def _curve(scored: Score, chosen: BoolArray) -> dict[str, Any]:
     curve = scored.curve_of(chosen if len(chosen) else None)
     return {
         "n_targets": int(curve.iloc[-1]["n_targets"]),
-        "pd_mean": pd_mean(curve) if len(chosen) else None,
+        "pd_mean": held_pd_mean(curve) if len(chosen) else None,
         **_rounded(curve, _SUBSET_COLUMNS),
     }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -404,7 +405,8 @@ def pd_mean(curve: pd.DataFrame, far_max: float = 0.1) -> float:
     curve : DataFrame
         ROC table.
     far_max : float
-        End of the averaging, per m². A curve that ends before it keeps its last Pd.
+        End of the averaging, per m². A curve that ends before it keeps its last Pd; unless that is
+        1, a warning says so.
 
     Returns
     -------
@@ -423,6 +425,18 @@ def pd_mean(curve: pd.DataFrame, far_max: float = 0.1) -> float:
     >>> round(pd_mean(curve, far_max=0.1), 4)  # a third up to 0.02 per m², all beyond
     0.8667
     """
+    last = curve.iloc[-1]
+    if last["far"] < far_max and last["pd"] < 1:
+        warnings.warn(
+            f"curve ends at {last['far']:.3g} false alarms per m²: from there to far_max of "
+            f"{far_max:g} its last Pd, {last['pd']:.3g}, is taken",
+            stacklevel=2,
+        )
+    return held_pd_mean(curve, far_max)
+
+
+def held_pd_mean(curve: pd.DataFrame, far_max: float = 0.1) -> float:
+    """Compute PD_mean as :func:`pd_mean` does, for pages that show where the curve ends."""
     if not (math.isfinite(far_max) and far_max > 0):
         raise ValueError(f"far_max must be positive, got {far_max}")
     detected = curve["pd"].to_numpy()
@@ -435,7 +449,7 @@ def pd_mean(curve: pd.DataFrame, far_max: float = 0.1) -> float:
 
 def pd_mean_by_chance(curve: pd.DataFrame, far_max: float) -> float:
     """Compute the average of the column ``chance`` of a curve, as :func:`pd_mean` does for Pd."""
-    return pd_mean(curve.assign(pd=curve["chance"]), far_max)
+    return held_pd_mean(curve.assign(pd=curve["chance"]), far_max)
 
 
 def with_area(

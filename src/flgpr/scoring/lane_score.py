@@ -14,7 +14,7 @@ import pandas as pd
 from flgpr.scoring.bootstrap import band, pd_mean_interval
 from flgpr.scoring.breakdown import DEPTH_EDGES, depth_classes, pd_table
 from flgpr.scoring.chance_level import SHIFTS, Chance, chance, random_pd
-from flgpr.scoring.curve import operating_row, pd_mean, pd_mean_by_chance
+from flgpr.scoring.curve import held_pd_mean, operating_row, pd_mean_by_chance
 from flgpr.scoring.lane_roc import assign, label_alarms, roc_of
 from flgpr.scoring.matching import LaneLike, Match, match
 from flgpr.scoring.places import Refraction, SurveyShare, survey_share
@@ -96,7 +96,7 @@ class Score:
             return None
         far_max = self.rules.far_max
         low, high = pd_mean_interval(self.matched, far_max, **self._bootstrap)
-        value = pd_mean(self.curve, far_max)
+        value = held_pd_mean(self.curve, far_max)
         by_chance = pd_mean_by_chance(self.curve, far_max)
         return {"value": value, "low": low, "high": high, "chance": by_chance, "far_max": far_max}
 
@@ -325,7 +325,7 @@ class Score:
         """Return targets, PD_mean and operating points of the curve of one kind of target."""
         far_max = self.rules.far_max
         mean: MeanPd = {
-            "value": pd_mean(curve, far_max),
+            "value": held_pd_mean(curve, far_max),
             "chance": pd_mean_by_chance(curve, far_max),
         }
         points = self.operating_points(curve).drop(columns=["threshold", *_SAME_IN_ALL_ROWS])

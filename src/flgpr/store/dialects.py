@@ -28,11 +28,11 @@ _IDS = {"alarms": "alarm_id", "truth": "target_id", "objects": "object_id"}
 _SYNONYMS: dict[str, str] = {
     "x": (
         "x cross across cross_track crosstrack lateral right rechts quer querab droite "
-        "travers transversal derecha través destra traverso direita transverso"
+        "travers transversal transversale trasversale derecha través destra traverso direita transverso"
     ),
     "y": (
         "y along along_track down_track downtrack forward chainage distance vorwärts längs "
-        "laengs strecke station avant avance adelante avanti frente progressiva"
+        "laengs strecke station longitudinal longitudinale avant avance adelante avanti frente progressiva"
     ),
     "confidence": (
         "confidence score probability conf konfidenz wahrscheinlichkeit bewertung güte "

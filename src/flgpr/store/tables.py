@@ -170,6 +170,14 @@ def _parse_dialect(data: bytes, kind: str, reading: TableReading) -> tuple[pd.Da
     columns = parse_columns(body.encode(), *text_columns)
     table, notes_on_columns = named_columns(columns, targets, reading.anchor)
     notes += notes_on_columns
+    required = [column.name for column in _COLUMNS[kind] if column.required]
+    missing = [name for name in required if name not in table]
+    if missing and missing != ["confidence"]:  # the lack of which has a remedy of its own
+        option = "truth_columns" if kind == "truth" else "columns"
+        raise ValueError(
+            f"{kind} must have the columns {', '.join(missing)}; got {', '.join(map(str, table))}; "
+            f"`{option}` {missing[0]}=NAME says which it is, and lines above the header begin with #"
+        )
     if kind == "alarms" and not reading.unranked:
         _require_confidences(table)
     elif kind == "alarms":
@@ -260,12 +268,13 @@ def _missing_confidences(table: pd.DataFrame) -> int:
 
 def _require_confidences(table: pd.DataFrame) -> None:
     """Refuse alarms without confidences, and name the way to score them all the same."""
-    if not {"x", "y"} <= set(table.columns):
-        return  # the check of all columns names what is missing
     unranked_hint = "`unranked` takes such a list and ranks all its alarms equal"
     if "confidence" not in table.columns:
         names = ", ".join(map(str, table.columns))
-        raise ValueError(f"alarms must have the columns confidence; got {names}; {unranked_hint}")
+        raise ValueError(
+            f"alarms must have the columns confidence; got {names}; "
+            f"`columns` confidence=NAME says which it is, {unranked_hint}"
+        )
     missing = _missing_confidences(table)
     if missing:
         first = int(table["confidence"].isna().to_numpy().argmax()) + 1
@@ -445,20 +454,21 @@ def _decimal_mark(text: str, mark: str, text_columns: Sequence[str]) -> str:
     """Return the decimal mark of a table whose columns are separated by semicolons or tabs."""
     # All cells as text: a comma is decimal only where the whole column is of numbers.
     cells = parse_csv(text, mark, dtype=str, keep_default_na=False)
-    has_commas = False
-    has_points = False
+    with_mark = {",": "", ".": ""}  # an example of each
     for name in cells.columns:
         column = cells[name].str.strip()
         if name in text_columns or not column.str.fullmatch(_NUMBER).all():
             continue
-        has_commas |= bool(column.str.contains(",", regex=False).any())
-        has_points |= bool(column.str.contains(".", regex=False).any())
-    if has_commas and has_points:
+        for decimal in with_mark:
+            found = column[column.str.contains(decimal, regex=False)]
+            with_mark[decimal] = with_mark[decimal] or next(iter(found), "")
+    if all(with_mark.values()):
         separator = "semicolons" if mark == ";" else "tabs"
         raise ValueError(
-            f"columns separated by {separator} must have decimal commas or decimal points, got both"
+            f"columns separated by {separator} must have decimal commas or decimal points, got both, "
+            f"{' and '.join(with_mark.values())}"
         )
-    return "," if has_commas else "."
+    return "," if with_mark[","] else "."
 
 
 def _check_table_size(data: bytes) -> None:

@@ -29,6 +29,7 @@ Workers = Annotated[int | None, Option(min=1, help="Processes that share the wor
 Quick = Annotated[
     bool, Option("--quick", help="A small version that only checks that everything runs.")
 ]
+_FOR_A_PAPER = (".pdf", ".tex", ".bib")  # endings of files beside a page of two entries
 
 
 def _table_lines(text: str, _: Arguments) -> Iterator[str]:
@@ -135,10 +136,12 @@ def benchmark_table(
 
 
 def _answer_lines(written: tuple[Path, list[str]], _: Arguments) -> Iterator[str]:
-    """Yield who finds what, and the address of the page."""
+    """Yield who finds what, the address of the page, and the files for a paper."""
     page, answers = written
     yield from answers
     yield f"page: {page.resolve()}"
+    names = sorted(file.name for file in page.parent.iterdir() if file.suffix in _FOR_A_PAPER)
+    yield f"for a paper, beside it: {', '.join(names)}"
 
 
 @command(lines=_answer_lines)
@@ -169,16 +172,22 @@ def compare_benchmark(
     return proving_ground.compare_entries(folder, entry, other, output, tier)
 
 
-@command()
+def _template_lines(path: Path, _: Arguments) -> Iterator[str | Path]:
+    """Yield the file and the command that runs it."""
+    yield path
+    yield f"next: flgpr benchmark run {path.stem}:MyDetector --quick --tier prepared"
+
+
+@command(lines=_template_lines)
 def benchmark_template(
     folder: Annotated[PathLike, Argument(help="Folder, by default this one.")] = Path(),
-) -> list[Path]:
+) -> Path:
     """Write a detector of your own to begin with, which runs as it is.
 
     Returns
     -------
-    list of Path
-        The files.
+    Path
+        The file.
     """
     from flgpr import proving_ground
 

@@ -110,8 +110,9 @@ def validate_submissions(submissions: Submissions, ground: OwnGround = None) -> 
 
 
 def _entered_lines(text: str, call: Arguments) -> Iterator[Any]:
-    """Yield the table of the scores and the address of the page."""
+    """Yield the table of the scores, what was entered, and the address of the page."""
     yield text
+    yield f"entered: {', '.join(map(str, call.submissions))}"
     yield f"page: {(Path(call.output) / 'leaderboard.html').resolve()}"
 
 

@@ -1,4 +1,6 @@
-"""A detector of one's own for the proving ground: change it, and run it as my_detector.md says.
+"""A detector of one's own for the proving ground: change it, and run it in its folder.
+
+flgpr benchmark run my_detector:MyDetector --quick --tier prepared
 
 It is trained on the training lanes of every fold, frozen, and tried on sealed test lanes.
 """
@@ -35,3 +37,5 @@ class MyDetector:
 #
 #     def fit(self, lanes):        # lane.run, lane.image (xarray), lane.truth (x, y, kind, depth)
 #     def detect(self, lane):      # returns a DataFrame with x, y (m) and confidence
+#
+# An image has magnitudes over the background by (polarization, subband, y, x), coordinates in m.

@@ -12,7 +12,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from flgpr.scoring import operating_row, pd_at, pd_mean, peak_roc
+from flgpr.scoring import operating_row, pd_at, peak_roc
+from flgpr.scoring.curve import held_pd_mean
 from flgpr_papers.cosgrove2004.detect import FORMS, alone, example_name
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
 from flgpr_papers.kit.findings import UNDECIDED, WORTH, Finding, in_words, shows
@@ -167,7 +168,7 @@ def pd_table(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> pd.Dat
                     "pd_rockless": math.nan
                     if has_no_rockless
                     else pd_at(curve_of(rocks=False), pfa),
-                    "pd_mean": pd_mean(curve, 0.1),
+                    "pd_mean": held_pd_mean(curve, 0.1),
                 }
                 rows.append(row)
     return pd.DataFrame(rows)
@@ -297,7 +298,7 @@ def example_means(recipe: StudyRecipe, cases: Sequence[Case], rank: int) -> dict
     for number in recipe.sweeps.numbers:
         pair = [example_name(form, rank, number) for form in FORMS]
         means = [
-            [pd_mean(case_curve(case, name, recipe.score.box), 0.1) for name in pair]
+            [held_pd_mean(case_curve(case, name, recipe.score.box), 0.1) for name in pair]
             for case in cases
             if pair[0] in case["peaks"]
         ]

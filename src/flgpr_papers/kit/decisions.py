@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from flgpr.model import check_alarms
-from flgpr.scoring.curve import operating_row, pd_mean
+from flgpr.scoring.curve import held_pd_mean, operating_row
 from flgpr.scoring.lane_roc import roc
 from flgpr.scoring.matching import LaneLike, one_of
 
@@ -122,6 +122,6 @@ def decision_table(
     for distance, curve in curves.items():
         point = curve.iloc[int(operating_row(curve, far))]
         row = {"distance": distance, **point[columns].to_dict()}
-        row["pd_mean"] = pd_mean(curve, far_max)
+        row["pd_mean"] = held_pd_mean(curve, far_max)
         rows.append(row)
     return pd.DataFrame(rows).astype({"n_detected": int, "n_targets": int})

@@ -29,7 +29,8 @@ from flgpr.recipe.schema import parse_recipe
 from flgpr.results.description import describe_run
 from flgpr.results.manifest import ResultError
 from flgpr.results.result import read_result, write_result
-from flgpr.scoring import Match, pd_mean, roc_of
+from flgpr.scoring import Match, roc_of
+from flgpr.scoring.curve import held_pd_mean
 from flgpr.screen import MeanViewSums, RunViewSums, view_array
 from flgpr.simulate import Scene
 from flgpr.store import open_run, read_manifest, sha256
@@ -131,7 +132,7 @@ def _alarm_facts(measured: Measured) -> dict[str, Any]:
         texts = []
         for band in BANDS:
             curve = roc_of(tables.channels[name, band], MINES, area=AREA)
-            texts.append(f"{band} {pd_mean(curve):.2f}")
+            texts.append(f"{band} {held_pd_mean(curve):.2f}")
         pd_means[name] = ", ".join(texts)
     contrast = tables.pool.match_of(tables.pool.confidence(SETS["A"], "A"))
     pds = {}

@@ -31,6 +31,7 @@ CREW_COLUMNS = ("emplaced", "emplaced_x_m", "emplaced_y_m", "emplaced_depth_m", 
 _TEXT_COLUMNS = ("target_id", "lane", "emplaced", "remark")
 _YES = ("yes", "y", "x", "1", "true")
 _NO = ("no", "n", "0", "false")
+_SHOWN_SLIPS = 8  # of a sheet that an error lists
 
 
 def plan_files(output: PathLike, anchored: bool = False) -> dict[str, Path]:
@@ -143,13 +144,18 @@ def read_sheet(
     path = existing(sheet, "sheet")
     with faults_of(path):
         recorded = _recorded_rows(read_columns(path, *_TEXT_COLUMNS), planned)
-        is_emplaced = _ticked(recorded)
+        is_emplaced, slips = _ticked(recorded)
         values = {}
         for name in ("x", "y", "depth"):
-            values[name] = _recorded_values(name, planned, recorded, within)
+            values[name], of_name = _recorded_values(name, planned, recorded, within)
+            slips += of_name
         is_half = recorded["emplaced_x_m"].isna() != recorded["emplaced_y_m"].isna()
         for target in recorded.index[is_half]:
-            raise ValueError(f"{target}: emplaced_x_m and emplaced_y_m must be filled in together")
+            slips.append(f"{target}: emplaced_x_m and emplaced_y_m must be filled in together")
+        if slips:
+            # All at once: the crew is called back once.
+            more = f"; and {len(slips) - _SHOWN_SLIPS} more" if len(slips) > _SHOWN_SLIPS else ""
+            raise ValueError("; ".join(slips[:_SHOWN_SLIPS]) + more)
         truth = check_truth(planned.assign(**values)[is_emplaced].reset_index(drop=True))
         if truth.empty:
             raise ValueError("sheet must have a target that was emplaced, got none")
@@ -179,27 +185,29 @@ def _recorded_rows(sheet: pd.DataFrame, plan: pd.DataFrame) -> pd.DataFrame:
     return sheet.set_axis(names).loc[planned_names]
 
 
-def _ticked(recorded: pd.DataFrame) -> BoolArray:
-    """Return by target whether it was emplaced; the crew must say yes or no."""
+def _ticked(recorded: pd.DataFrame) -> tuple[BoolArray, list[str]]:
+    """Return by target whether it was emplaced, and where the crew does not say yes or no."""
     # A spreadsheet turns a tick of 1 into 1.0.
     ticks = recorded["emplaced"].fillna("").astype(str).str.strip().str.lower()
     ticks = ticks.str.removesuffix(".0")
+    slips = []
     for target, tick in ticks[~ticks.isin((*_YES, *_NO))].items():
-        raise ValueError(f"{target}: emplaced must be yes or no, got {tick!r}")
-    return ticks.isin(_YES).to_numpy()
+        slips.append(f"{target}: emplaced must be yes or no, got {tick!r}")
+    return ticks.isin(_YES).to_numpy(), slips
 
 
 def _recorded_values(
     name: str, plan: pd.DataFrame, recorded: pd.DataFrame, within: float
-) -> FloatArray:
-    """Return a coordinate of all targets, m: the crew's to a millimetre, or the planned one."""
+) -> tuple[FloatArray, list[str]]:
+    """Return a coordinate of all targets, m, and its slips: the crew's, to a millimetre, or the plan's."""
     cells = recorded[f"emplaced_{name}_m"]
     planned = plan[name].set_axis(cells.index)
     values = pd.to_numeric(cells, errors="coerce")
     is_off = cells.notna() & ~((values - planned.fillna(0.0)).abs() <= within)
+    slips = []
     for target in cells.index[is_off]:
-        raise ValueError(
-            f"{target}: emplaced_{name}_m must be within {within:g} m of the planned "
-            f"{planned[target]:g} m, got {cells[target]}"
-        )
-    return np.where(cells.isna(), planned, values.to_numpy(dtype=np.float64).round(3))
+        rule = f"within {within:g} m of the planned {planned[target]:g} m"
+        if np.isnan(values[target]):
+            rule = "a number of metres with a decimal point, or commas in a sheet with semicolons"
+        slips.append(f"{target}: emplaced_{name}_m must be {rule}, got {cells[target]}")
+    return np.where(cells.isna(), planned, values.to_numpy(dtype=np.float64).round(3)), slips

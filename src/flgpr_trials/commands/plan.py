@@ -88,12 +88,15 @@ def _lane_lines(
 ) -> Iterator[str | Path]:
     """Yield the files, the seed and the time of the register line."""
     from flgpr_trials.commands.crew import plan_files
+    from flgpr_trials.folder import too_few_mines
 
     plan, line = returned
     yield from plan_files(call.output, call.anchor is not None).values()
     seed = plan.attrs["seed"]
     origin = "of a seed that was not kept" if seed is None else f"seed {seed}"
     yield f"{len(plan)} targets, {origin}; registered {line['time']}"
+    if warning := too_few_mines(Path(call.output), len(plan)):
+        yield warning
     yield (
         "keep these files and the seed from whoever runs a detector; "
         "the register is for all to read"
@@ -350,7 +353,9 @@ def check_register(
 def _survey_lines(
     returned: tuple[pd.DataFrame, dict[str, Any]], call: Arguments
 ) -> Iterator[str | Path]:
-    """Yield the truth, and how it differs from the plan."""
+    """Yield the truth, how it differs from the plan, and whether too few mines are left."""
+    from flgpr_trials.folder import too_few_mines
+
     truth, line = returned
     yield call.output
     yield (
@@ -358,6 +363,8 @@ def _survey_lines(
         f"{line['largest_offset']:.3f} m; {line['left_out']} not emplaced and left out; "
         f"registered {line['time']}"
     )
+    if warning := too_few_mines(Path(call.output), len(truth)):
+        yield warning
 
 
 @command(lines=_survey_lines)
