@@ -7,7 +7,8 @@ lanes with the paper's mines, of other seeds; their statements on blind lanes ar
 leave-one-out of Fig. 6 with 27 looks at metal mines and 126 of clutter, drawn anew from the study's temperate lane: it
 needs the images of the study, and tells of this lane alone. By default there are 20 and 50 of them.
 
-Every finished replicate stays in DIR/PAPER/replicates as a list of findings, so that an interrupted run resumes; with
+Every finished replicate stays in DIR/PAPER/replicates as a list of findings, so that an interrupted run resumes. Those
+in evidence/repeats/PAPER ran before and are taken as they are: each takes eight minutes of a processor. With
 ``--minutes`` it begins no replicate after that time. The statements of all together, ``findings.json`` there, have the
 mean over the replicates with Student's interval, its verdict and power, and in how many the number by itself shows what
 the paper says. ``python evidence/verdict_tables.py DIR`` takes them into the tables.
@@ -47,6 +48,8 @@ from flgpr_papers.wang2007.study import lane_result
 
 COUNTS = {"wang2007": 20, "flsar2004": 50}
 """Replicates of each paper."""
+STORED = Path(__file__).with_name("repeats")
+"""Replicates that ran before; their statements are those of the time when they ran."""
 DRAWS = 100
 """Bootstrap draws within a replicate, whose own interval is not used."""
 Replicate = Callable[[int], list[Finding]]
@@ -79,6 +82,9 @@ def replicates(folder: Path, paper: str, count: int, end: float) -> Iterator[lis
     run: Replicate | None = None
     for number in range(1, count + 1):
         path = folder / f"{number}.json"
+        ran_before = STORED / paper / path.name
+        if not path.is_file() and ran_before.is_file():
+            shutil.copy(ran_before, path)
         if not path.is_file():
             if time.monotonic() > end:
                 continue

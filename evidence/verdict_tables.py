@@ -2,7 +2,7 @@
 
     python evidence/verdict_tables.py FOLDER [docs/evidence/verdicts]
 
-A study that has results in one world only has dashes for the other. Where `evidence/replicates.py` has repeated an
+Cells that the folder has no result for stay as they stand in the table; delete a table to make it anew. Where `evidence/replicates.py` has repeated an
 experiment, the row has what holds in all repeats together. A table says beside each number how often its rule would
 have answered, and in how many experiments of the paper's size it shows what the paper says. The counts that the page's
 first table holds are printed. Tables of experiments, ``reasons.csv`` of ``python evidence/reasons``, are taken
@@ -23,6 +23,10 @@ MAIN_GROUP = "open"
 """Group of lanes that a study's own table has, where it has several."""
 OVER_MINES = ("RVM and SVM alike", "kernel matters little")
 """Statements whose verdict over the mines stays: their repeats are draws from one lane."""
+FIRST = 3
+"""Columns before those of worlds."""
+COLUMNS = {"prepared": slice(FIRST, FIRST + 4), "as found": slice(FIRST + 4, FIRST + 6)}
+"""Columns of each world; the last of them is its verdict."""
 Statement = tuple[str, str]
 """What tells a statement from others of its group: claim and quantity."""
 
@@ -39,10 +43,10 @@ def main() -> None:
             findings = {world: by_statement(found, group) for world, found in judged.items()}
             name = study.name if group in ("", MAIN_GROUP) else f"{study.name}-{group}"
             path = output / f"{name}.csv"
+            rows = with_kept(path, rows_of(findings))
             with path.open("w", newline="", encoding="utf-8") as file:
-                csv.writer(file, lineterminator="\n").writerows([header(), *rows_of(findings)])
-            counts = [count_verdicts(world, found) for world, found in findings.items()]
-            print(f"{path}: {'; '.join(counts)}")
+                csv.writer(file, lineterminator="\n").writerows([header(), *rows])
+            print(f"{path}: {'; '.join(count_verdicts(rows))}")
 
 
 def copy_reasons(study: Path, output: Path) -> None:
@@ -72,14 +76,15 @@ def header() -> list[str]:
 
 
 def judged_findings(folder: Path) -> list[Finding]:
-    """Read the statements of a run that were judged; none where it was not run."""
-    if not (folder / "findings.json").is_file():
-        return []
+    """Read the statements of a run, or of its repeats alone, that were judged; none where neither ran."""
     repeated = {}
     if (folder / "replicates" / "findings.json").is_file():
         repeated = {finding.claim: finding for finding in read_findings(folder / "replicates")}
+    has_run = (folder / "findings.json").is_file()
     found = []
-    for finding in read_findings(folder):
+    for finding in read_findings(folder) if has_run else list(repeated.values()):
+        if finding.claim in OVER_MINES and not has_run:
+            continue
         again = repeated.get(finding.claim, finding)
         found.append(replace(finding, shown=again.shown) if finding.claim in OVER_MINES else again)
     return [finding for finding in found if finding.verdict in VERDICTS]
@@ -126,12 +131,32 @@ def cells_of(finding: Finding | None, in_full: bool) -> list[str]:
     return [text or "–" for text in texts]
 
 
-def count_verdicts(world: str, found: dict[Statement, Finding]) -> str:
-    """Return how many statements agree, disagree and cannot be said in a world."""
-    if not found:
-        return f"{world}: not run"
-    verdicts = [finding.verdict for finding in found.values()]
-    return f"{world}: " + ", ".join(f"{verdicts.count(verdict)} {verdict}" for verdict in VERDICTS)
+def with_kept(path: Path, rows: list[list[str]]) -> list[list[str]]:
+    """Return the rows with the cells of an older table where there is no new verdict, in its order."""
+    if not path.is_file():
+        return rows
+    with path.open(newline="", encoding="utf-8") as file:
+        _, *old = csv.reader(file)
+    new = {row[0]: row for row in rows}
+    kept = []
+    for row in old:
+        now = new.pop(row[0], row)
+        for columns in COLUMNS.values():
+            if now[columns][-1] != "–":
+                row[columns] = now[columns]
+        kept.append([row[0], *now[1:FIRST], *row[FIRST:]])
+    return [*kept, *new.values()]
+
+
+def count_verdicts(rows: list[list[str]]) -> list[str]:
+    """Return for every world how many statements agree, disagree and cannot be said."""
+    counts = []
+    for world, columns in COLUMNS.items():
+        verdicts = [row[columns][-1] for row in rows]
+        counts.append(
+            f"{world}: " + ", ".join(f"{verdicts.count(verdict)} {verdict}" for verdict in VERDICTS)
+        )
+    return counts
 
 
 if __name__ == "__main__":

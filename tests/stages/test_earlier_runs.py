@@ -7,6 +7,8 @@ import pytest
 
 import flgpr
 from driven_twice import FREQUENCY, OLD, drive
+from flgpr.method.imaged_run import ImagedRun
+from flgpr.method.instead import contrast_lane
 from flgpr.method.method import detect
 from flgpr.recipe.make import with_earlier
 from flgpr.recipe.schema import parse_recipe, recipe_text
@@ -61,6 +63,17 @@ def test_both_days_show_what_is_old_and_their_difference_does_not(drives):
     assert decibels_at(found.view, OLD[0]) < min(both) - 5
     assert all(decibels_at(found.view, target) > 8 for target in TARGETS[1:])
     assert detect(today, parse_recipe(small_recipe()), LANE).earlier is None
+
+
+def test_ranking_by_contrast_instead_subtracts_earlier_drives_too(drives):
+    before, today = drives
+    lane = ImagedRun(today, parse_recipe(recipe()), LANE, others={"before": before})
+    instead, text = contrast_lane(lane)
+    assert instead.earlier is not None
+    assert with_earlier(text) == text
+    alone, text = contrast_lane(ImagedRun(today, parse_recipe(small_recipe()), LANE))
+    assert alone.earlier is None
+    assert with_earlier(text) != text
 
 
 def test_tracks_that_are_off_are_moved_onto_each_other(drives):

@@ -25,7 +25,7 @@ from flgpr.method.stands_out import (
     training_threshold,
     what_stands_out,
 )
-from flgpr.recipe.make import fit_recipe
+from flgpr.recipe.make import fit_recipe, with_earlier
 from flgpr.recipe.schema import parse_recipe, seen_lane
 from flgpr.types import FloatArray
 
@@ -41,10 +41,12 @@ _DONE = {
 def contrast_lane(lane: ImagedRun) -> tuple[ImagedRun, str] | None:
     """Return the lane as the recipe that ranks by contrast sees it, and the text of that recipe.
 
-    The pixels of the run-view stay the same. None where no recipe can be made for the run.
+    The pixels of the run-view stay the same, and what earlier drives predict is subtracted if it was.
+    None where no recipe can be made for the run.
     """
+    others = None if lane.earlier is None else lane.setup.others
     try:
-        text = fit_recipe(lane.run)
+        text = fit_recipe(lane.run) if others is None else with_earlier(fit_recipe(lane.run))
         recipe = parse_recipe(text)
     except ValueError:
         return None
@@ -62,7 +64,9 @@ def contrast_lane(lane: ImagedRun) -> tuple[ImagedRun, str] | None:
         }
     )
     section = replace(lane.section, threshold=None)
-    contrast = ImagedRun(lane.run, recipe, lane.lane, section=section, explains=lane.explains)
+    contrast = ImagedRun(
+        lane.run, recipe, lane.lane, section=section, others=others, explains=lane.explains
+    )
     return contrast, text
 
 
