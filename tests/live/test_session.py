@@ -23,6 +23,7 @@ from flgpr.live.senders import SocketWatch
 from flgpr.live.session import LiveRun
 from flgpr.live.source import FolderWatch, Inbox
 from flgpr.live.state import read_snapshot
+from flgpr.method.model import Model, array_of, save_model
 from flgpr.model.vehicle import Vehicle
 from flgpr.scoring import roc
 from flgpr.store import (
@@ -289,6 +290,15 @@ def test_a_live_process_that_is_killed_again_and_again_ends_alike(home, whole, t
     assert report.counts == whole[1].counts
     assert (output / "alarms.csv").read_bytes() == (whole[0] / "alarms.csv").read_bytes()
     assert len(events(output, "resume")) >= 1
+
+
+@pytest.mark.parametrize(("width", "count"), [(9.0, 1), (None, 0)])
+def test_a_model_of_another_array_is_told_once(home, tmp_path, width, count):
+    array = array_of(make_lane_run())
+    save_model(Model(), tmp_path / "model", {"array": array | ({"width_m": width} if width else {})})
+    LiveRun(options(home, tmp_path / "out", model=tmp_path / "model")).run()
+    words = [event["words"] for event in events(tmp_path / "out", "problem")]
+    assert sum("trained with another array" in one for one in words) == count
 
 
 def test_files_that_were_taken_away_are_forgotten(home, whole, tmp_path):

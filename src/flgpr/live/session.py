@@ -19,7 +19,7 @@ import queue
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -67,7 +67,7 @@ from flgpr.live.state import (
 )
 from flgpr.live.updates import LiveUpdate, SettledOutcome
 from flgpr.method.memory import check_scan_memory
-from flgpr.method.model import Model, parse_model, read_model, unlearnt
+from flgpr.method.model import Model, of_another_array, parse_model, read_model, unlearnt
 from flgpr.method.unlike import Comparison, why_not
 from flgpr.model import Lane
 from flgpr.model.vehicle import Vehicle
@@ -486,6 +486,11 @@ class LiveRun:
             if self.options.anchor is not None and anchor is not None:
                 reference = anchor.georeference()
             lines.append(start_event(intake.description.title, detector, reference, self.vehicle))
+            placed = replace(scan, pose=detector.first_pose)
+            another = of_another_array(self._model, as_run(intake.description, placed))
+            if another:
+                log_note(another)
+                lines.append(problem_event(RUN_FILE, another))
         settled = [*update.released, (scan, update)]
         for settled_scan, change in settled:
             # Scans that are released, and one that was not left out, are settled.
