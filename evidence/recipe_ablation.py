@@ -52,8 +52,9 @@ class Ablation:
         for change in changes:
             chosen |= change
         sensor, clutter, names = chosen["sensor"], chosen.get("clutter", {}), chosen["train"]
+        tests = chosen["test"]
         world = self.folder / f"{sensor}{'-open' if clutter else ''}"
-        lanes = {name: self.lane(world, name, sensor, clutter) for name in self.case["lanes"]}
+        lanes = {name: self.lane(world, name, sensor, clutter) for name in [*names, *tests]}
         home = self.folder / variant.replace(", ", "-").replace(" ", "-")
         home.mkdir(parents=True, exist_ok=True)
         recipe = home / "recipe.toml"
@@ -70,7 +71,6 @@ class Ablation:
                     workers=self.workers,
                     check=False,
                 )
-        tests = [name for name in lanes if name.startswith("test")]
         alarms, truths = [], []
         for name in tests:
             result = home / name
@@ -84,7 +84,16 @@ class Ablation:
             for name in tests
         }
         truth = pd.concat(truths, ignore_index=True)
-        return roc(pd.concat(alarms, ignore_index=True), truth, borders, self.case["halo"])
+        counted = self.case["base"][
+            "test"
+        ]  # the first scene's: another site only sets the threshold
+        return roc(
+            pd.concat(alarms, ignore_index=True),
+            truth,
+            borders,
+            self.case["halo"],
+            lambda targets: targets["lane"].isin(counted),
+        )
 
     def lane(self, world: Path, name: str, sensor: str, clutter: dict[str, float]) -> Path:
         """Return the run of a lane, simulated if it is not there."""
@@ -94,6 +103,7 @@ class Ablation:
             scene = world / f"{name}.toml"
             lane = self.case["lanes"][name]
             tables = self.case["scene"] | {"name": name, "length": lane["length"]}
+            tables["site"] = lane.get("site", tables["site"])
             if clutter:
                 tables["clutter"] = clutter
             tables["targets"] = list(placed(lane))

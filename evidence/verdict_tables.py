@@ -2,11 +2,11 @@
 
     python evidence/verdict_tables.py FOLDER [docs/evidence/verdicts]
 
-Cells that the folder has no result for stay as they stand in the table; delete a table to make it anew. Where `evidence/replicates.py` has repeated an
-experiment, the row has what holds in all repeats together. A table says beside each number how often its rule would
-have answered, and in how many experiments of the paper's size it shows what the paper says. The counts that the page's
-first table holds are printed. Tables of experiments, ``reasons.csv`` of ``python evidence/reasons``, are taken
-over as they are.
+Cells that the folder has no result for stay as they stand in the table; delete a table to make it anew. Where
+`evidence/replicates.py` has repeated an experiment, the row has what holds in all repeats together. A table says beside
+each number how often its rule would have answered, and in how many experiments of the paper's size it shows what the
+paper says. The counts that the page's first table holds are printed. Tables of experiments, ``reasons.csv`` of
+``python evidence/reasons``, are taken over as they are.
 """
 
 import csv
