@@ -295,7 +295,9 @@ def test_a_live_process_that_is_killed_again_and_again_ends_alike(home, whole, t
 @pytest.mark.parametrize(("width", "count"), [(9.0, 1), (None, 0)])
 def test_a_model_of_another_array_is_told_once(home, tmp_path, width, count):
     array = array_of(make_lane_run())
-    save_model(Model(), tmp_path / "model", {"array": array | ({"width_m": width} if width else {})})
+    save_model(
+        Model(), tmp_path / "model", {"array": array | ({"width_m": width} if width else {})}
+    )
     LiveRun(options(home, tmp_path / "out", model=tmp_path / "model")).run()
     words = [event["words"] for event in events(tmp_path / "out", "problem")]
     assert sum("trained with another array" in one for one in words) == count
