@@ -83,7 +83,7 @@ def test_entering_states_the_table_and_the_page(monkeypatch, tmp_path):
     assert done.exit_code == 0, done.output
     assert asked == [([Path("a"), Path("b")], tmp_path / "out", None)]
     assert done.stdout.splitlines() == [
-        "table", f"page: {(tmp_path / 'out' / 'leaderboard.html').resolve()}",
+        "table", "entered: a, b", f"page: {(tmp_path / 'out' / 'leaderboard.html').resolve()}",
     ]  # fmt: skip
 
 
