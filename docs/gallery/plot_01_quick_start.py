@@ -40,4 +40,4 @@ scored
 # %%
 # Without a place to write to, the result lives as long as the object. ``flgpr.detect(run, "demo", "result")`` keeps it:
 # its ``report.html`` holds all of it on one page, and ``flgpr view result`` shows it in the browser.
-# `What became of each mine <../evidence/first-lane.html>`_ has more of this lane.
+# `What is found <../guide/first-lane.html#what-is-found>`_ says what became of each mine.

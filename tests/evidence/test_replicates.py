@@ -13,7 +13,7 @@ VALUES = np.random.default_rng(4).normal(0.1, 0.05, 12)
 
 
 @pytest.fixture
-def runs(monkeypatch):
+def runs(monkeypatch, tmp_path):
     """Stand in for the experiment of a paper; returns the numbers of the replicates that ran."""
     numbers = []
 
@@ -30,6 +30,7 @@ def runs(monkeypatch):
         return run
 
     monkeypatch.setitem(replicates.EXPERIMENTS, "wang2007", experiment)
+    monkeypatch.setattr(replicates, "STORED", tmp_path / "none")
     return numbers
 
 
@@ -49,6 +50,16 @@ def test_no_replicate_begins_after_its_time(runs, tmp_path):
     assert runs == [1, 2]
     (found,) = read_findings(tmp_path / "wang2007" / "replicates")
     assert found.shown == (2, 2)
+
+
+def test_replicates_that_ran_before_are_taken_as_they_are(runs, tmp_path, monkeypatch):
+    replicates.main([str(tmp_path / "before"), "wang2007", "--count", "2"])
+    stored = tmp_path / "stored" / "wang2007"
+    stored.parent.mkdir()
+    (tmp_path / "before" / "wang2007" / "replicates").rename(stored)
+    monkeypatch.setattr(replicates, "STORED", stored.parent)
+    replicates.main([str(tmp_path / "anew"), "wang2007", "--count", "3"])
+    assert runs == [1, 2, 3]
 
 
 def test_a_replicate_has_the_same_mines_on_other_lanes():

@@ -36,7 +36,7 @@ def test_a_study_runs_on_one_blas_thread_and_gives_them_back():
         ("cosgrove2004", "study_recipe"),
         ("flsar2004", "load_settings"),
         ("fuse2018", "fuse_recipe"),
-        ("wang2007", "_lanes"),
+        ("wang2007", "lane_scenes"),
     ],
 )
 def test_every_study_has_one_blas_thread_while_it_runs(paper, first, tmp_path, monkeypatch):

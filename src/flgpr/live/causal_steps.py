@@ -35,7 +35,7 @@ def check_causal(recipe: Recipe) -> None:
     if reasons:
         raise ValueError(
             f"recipe {recipe.name!r} cannot run live: {'; '.join(reasons)}; give another recipe, or "
-            "run `flgpr detect` once the drive is stored"
+            "detect the run once the drive is stored"
         )
 
 
