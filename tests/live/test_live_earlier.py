@@ -148,7 +148,7 @@ def test_a_recipe_that_is_made_for_the_run_has_the_stage(home):
 
 def test_what_cannot_go_together_is_refused_with_what_to_change(home, today, before):
     (home / "still.toml").write_text(small_recipe() + '\n[[clutter]]\nstage = "standing"\n')
-    with pytest.raises(ValueError, match=r"clutter\.standing: .*; give another recipe, or run"):
+    with pytest.raises(ValueError, match=r"clutter\.standing: .*; give another recipe, or detect"):
         live(home, "no", recipe=home / "still.toml", before=[home / "before.zarr"])
     (home / "staged.toml").write_text(with_earlier(small_recipe()))
     with pytest.raises(ValueError, match="`before` must give an earlier run of the road"):
