@@ -136,7 +136,7 @@ def fit_by_model(data: ArrayLike, operator: Operator, iterations: int = 8) -> Co
 
     Returns
     -------
-    (polarization, 1, *pixels) ndarray of complex64
+    (polarization, 1, ...) ndarray of complex64
         The reflectivity x.
     """
     signal = np.asarray(data, dtype=np.complex64)
