@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from flgpr.clutter import suppress_by_model
+from flgpr.clutter import fit_by_model, suppress_by_model
 from flgpr.imaging import ImagingOperator
 from flgpr.kernels.windows import hann
 
@@ -77,6 +77,21 @@ def test_the_residual_never_rises():
     course = suppress_by_model(noise, operator(square(0, 3)), iterations=30).residual
     assert (np.diff(course) <= 1e-6).all()
     assert course[-1] < 0.999
+
+
+def test_the_fitted_ground_explains_what_is_subtracted_and_foretells_another_view():
+    points = square(0.3, 4.0)
+    received = data(0.3, 4.0)
+    ground = fit_by_model(received, operator(points), 6)
+    left = suppress_by_model(received, operator(points), iterations=6).data
+    np.testing.assert_allclose(
+        received - operator(points).forward(ground), left, atol=1e-4 * np.abs(received).max()
+    )
+    # Half a metre nearer the same ground gives what the scatterer gives there, to 20 dB.
+    nearer = points - [0, 0.5, 0]
+    seen = data(0.3, 3.5)
+    assert np.linalg.norm(operator(nearer).forward(ground) - seen) < 0.1 * np.linalg.norm(seen)
+    assert not fit_by_model(np.zeros_like(received), operator(points)).any()
 
 
 def test_a_taper_keeps_the_direct_coupling_out_of_the_fit():
