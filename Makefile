@@ -111,7 +111,7 @@ wheel-check:
 
 docs: $(VENV)/.docs
 	$(BIN)/codespell *.md docs src tests benchmarks evidence examples viewer
-	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
+	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build/html
 
 # The bill of materials (CycloneDX) of what `pip install flgpr` installs: an environment that holds nothing else, and the
 # tool that reads it in another.
