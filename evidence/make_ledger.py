@@ -221,7 +221,7 @@ def main() -> None:
     text = PAGE.read_text(encoding="utf-8")
     head = text[: text.index("<!-- table -->")]
     head = re.sub(
-        r"Of .*? code tokens .*?\.\n",
+        r"Of .*? alone\.\n",
         f"Of {sum(tokens.values()) / 1000:.0f}k code tokens\n({by_package})\n"
         f"{sum(tokens[name] for name in own) / 1000:.0f}k belong to one feature alone.\n",
         head,
