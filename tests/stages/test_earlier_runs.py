@@ -1,6 +1,8 @@
 """The stage `earlier` subtracts what earlier drives over the road predict: what was laid since stands out."""
 
 import json
+import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ import flgpr
 from driven_twice import FREQUENCY, OLD, drive
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.instead import contrast_lane
-from flgpr.method.method import detect
+from flgpr.method.method import detect, engine_of
 from flgpr.recipe.make import with_earlier
 from flgpr.recipe.schema import parse_recipe, recipe_text
 from flgpr.store import save_run
@@ -63,6 +65,22 @@ def test_both_days_show_what_is_old_and_their_difference_does_not(drives):
     assert decibels_at(found.view, OLD[0]) < min(both) - 5
     assert all(decibels_at(found.view, target) > 8 for target in TARGETS[1:])
     assert detect(today, parse_recipe(small_recipe()), LANE).earlier is None
+
+
+def test_every_thread_has_the_days_of_the_scan_that_it_cleaned(drives):
+    before, today = drives
+    lane = ImagedRun(today, parse_recipe(recipe()), LANE, others={"before": before})
+    engine_of(lane).run()
+    both_have_cleaned = threading.Barrier(2)
+
+    def shows_its_own(index):
+        image = lane.imager.image(index)
+        lane.earlier.of_image(index, image)
+        both_have_cleaned.wait(60)
+        return np.array_equal(lane.earlier.days["today"].ravel(), image.values.ravel())
+
+    with ThreadPoolExecutor(2) as pool:
+        assert list(pool.map(shows_its_own, (3, 7))) == [True, True]
 
 
 def test_ranking_by_contrast_instead_subtracts_earlier_drives_too(drives):

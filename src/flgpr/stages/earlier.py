@@ -9,6 +9,7 @@ would see of it.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property, partial
 from typing import Annotated, Any, ClassVar
@@ -47,9 +48,7 @@ STANDING = "earlier.standing"
 """Result that holds what stands still on the vehicle today, ``field``; live, what does so far."""
 _MATCH = "earlier.match"
 _MOST = StandingSettings().most
-_SPACING = (
-    0.4  # of fitted ground, wavelengths of the highest tone: the array sees no finer from afar
-)
+_SPACING = 0.4  # of fitted ground, wavelengths of the highest tone
 _KEPT = 256e6  # bytes of fitted ground that are kept from scan to scan and from pass to pass
 
 
@@ -83,10 +82,9 @@ class EarlierRuns(ClutterStage):
 
     def __init__(self, settings: Any, setup: Any, learnt: Arrays | None = None) -> None:
         super().__init__(settings, setup, learnt)
-        #: the last image (channel, y, x) that was cleaned, as it was, and that of the nearest earlier
-        #: scan on its ground, NaN without one
-        self.days: Mapping[str, ComplexArray] = {}
+        self._of_thread = threading.local()  # blocks of scans go to several threads
         self._fitted: dict[tuple[str, int], ComplexArray] = {}
+        self._fitting = threading.Lock()
         self._imagers = {
             name: self._imager(name, run)
             for name, run in setup.others.items()
@@ -161,7 +159,7 @@ class EarlierRuns(ClutterStage):
         looks = list(self._looks(floats(image.attrs["pose"]), image.sizes["y"]))
         values = image.values.reshape(-1, *image.shape[-2:])
         earlier = [self._on(values, look)[0] for look in looks]
-        self.days = {
+        self._of_thread.days = {
             "today": values,
             "earlier": earlier[0] if earlier else np.full_like(values, np.nan),
         }
@@ -170,6 +168,15 @@ class EarlierRuns(ClutterStage):
         channels = np.arange(len(values)).reshape(image.shape[:2])[:, subbands].ravel()
         prediction = self._prediction(values[channels], [one[channels] for one in earlier], rows)
         return part.copy(data=part.values - prediction.reshape(part.shape))
+
+    @property
+    def days(self) -> dict[str, ComplexArray]:
+        """The last image (channel, y, x) that this thread cleaned: as it was ``today``, and ``earlier``.
+
+        The latter is what the nearest earlier scan says of its ground, NaN without one.
+        """
+        days: dict[str, ComplexArray] = self._of_thread.days
+        return days
 
     def _prediction(
         self, values: ComplexArray, earlier: list[ComplexArray], rows: int | None = None
@@ -254,15 +261,17 @@ class EarlierRuns(ClutterStage):
 
         The latest are kept: neighbouring scans and later passes want the same ones.
         """
-        fitted = self._fitted.pop((name, scan), None)
+        with self._fitting:
+            fitted = self._fitted.pop((name, scan), None)
         if fitted is None:
             imager = self._imagers[name]
             pose = floats(imager.run["pose"].values[scan])
             operator = imager.operator_at(pose, self._ground.points(), self._whole_band)
             fitted = fit_by_model(self._cleaned(name, scan), operator, self.settings.iterations)
+        with self._fitting:
             while self._fitted and (len(self._fitted) + 1) * fitted.nbytes > _KEPT:
                 del self._fitted[next(iter(self._fitted))]
-        self._fitted[(name, scan)] = fitted
+            self._fitted[(name, scan)] = fitted
         return fitted
 
     def _match(self, block: range | None) -> Accumulator:  # noqa: ARG002
