@@ -84,9 +84,8 @@ class Ablation:
             for name in tests
         }
         truth = pd.concat(truths, ignore_index=True)
-        counted = self.case["base"][
-            "test"
-        ]  # the first scene's: another site only sets the threshold
+        # Those of the first scene: another site only sets the threshold.
+        counted = self.case["base"]["test"]
         return roc(
             pd.concat(alarms, ignore_index=True),
             truth,

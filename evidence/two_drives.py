@@ -120,8 +120,9 @@ def alarms_of(out: Path, road: tuple[str, str, int], condition: str) -> dict[str
             run = driven(home, scene.at_drive(2), seed)
             text = RECIPE.format(**entries)
             recipe = home / f"recipe-{number}.toml"
-            stage = f"{with_earlier(text)}{entries['earlier']}\n"
-            recipe.write_text(stage if entries["earlier"] else text, "utf-8")
+            if entries["earlier"]:
+                text = f"{with_earlier(text)}{entries['earlier']}\n"
+            recipe.write_text(text, "utf-8")
             earlier = {"before": before} if entries["earlier"] else {}
             result = home / f"result-{number}"
             detect(run, recipe=recipe, output=result, report=False, **earlier)

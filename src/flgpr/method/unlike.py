@@ -24,6 +24,7 @@ from pydantic import Field
 from scipy.special import stdtrit
 
 from flgpr.model.bounds import Entries, NotNegative, Positive
+from flgpr.stages.standing import spread_scans
 from flgpr.stages.textured_clutter import SHAPES
 from flgpr.types import AnyArray, BoolArray, FloatArray, IndexArray
 
@@ -204,7 +205,7 @@ class Comparison:
 
 def chosen_scans(scans: int) -> IndexArray:
     """Return the indices of the scans of a lane that are looked at, at even distances."""
-    return np.unique(np.linspace(0, scans - 1, min(scans, MOST_SCANS)).round().astype(np.intp))
+    return spread_scans(scans, MOST_SCANS)
 
 
 def size_number(place: int) -> int:

@@ -30,7 +30,7 @@ from flgpr.imaging import ScanImager
 from flgpr.jit.threads import blas_on_one_thread
 from flgpr.model import SPEED_OF_LIGHT, Grid, lane_to_scan, scan_to_lane
 from flgpr.stages import ClutterStage, Positive, Table
-from flgpr.stages.standing import StandingSettings, standing_pass
+from flgpr.stages.standing import StandingSettings, spread_scans, standing_pass
 from flgpr.types import Arrays, ComplexArray, FloatArray, floats
 
 BEFORE = "before"
@@ -137,8 +137,7 @@ class EarlierRuns(ClutterStage):
         """What stood still on the vehicle at each earlier drive."""
         fields = {}
         for name, imager in self._imagers.items():
-            spread = np.linspace(0, len(imager) - 1, min(len(imager), _MOST))
-            chosen = imager.scans[np.unique(np.rint(spread).astype(int))]
+            chosen = imager.scans[spread_scans(len(imager), _MOST)]
             fields[name] = standing_field(np.stack([imager.signal(int(scan)) for scan in chosen]))
         return fields
 
@@ -217,20 +216,25 @@ class EarlierRuns(ClutterStage):
         points = own.grid.points()[:rows]
         today = own.operator_at(pose, points, own.subbands, own.window)
 
-        def modelled(name: str, scan: int, then: FloatArray, offset: FloatArray) -> ComplexArray:
+        def modelled(fitted: ComplexArray, then: FloatArray, offset: FloatArray) -> ComplexArray:
             ground = lane_to_scan(scan_to_lane(self._ground.points(), then), pose) + offset
             seen = own.operator_at(pose, ground, self._whole_band)
-            return _channels(today.adjoint(seen.forward(self._reflectivity(name, scan))))
+            return _channels(today.adjoint(seen.forward(fitted)))
 
-        def imaged(name: str, scan: int, then: FloatArray, offset: FloatArray) -> ComplexArray:
+        def imaged(
+            imager: ScanImager, data: ComplexArray, then: FloatArray, offset: FloatArray
+        ) -> ComplexArray:
             there = lane_to_scan(scan_to_lane(points - offset, pose), then)
-            operator = self._imagers[name].operator_on(scan, there, own.subbands)
-            return _channels(operator.adjoint(self._cleaned(name, scan)))
+            operator = imager.operator_at(then, there, imager.subbands, imager.window)
+            return _channels(operator.adjoint(data))
 
-        way = modelled if self.settings.iterations else imaged
         for name, imager in self._imagers.items():
             for scan in self._nearest(imager, pose):
-                yield partial(way, name, scan, floats(imager.run["pose"].values[scan]))
+                then = floats(imager.run["pose"].values[scan])
+                if self.settings.iterations:
+                    yield partial(modelled, self._reflectivity(name, scan), then)
+                else:
+                    yield partial(imaged, imager, self._cleaned(name, scan), then)
 
     @cached_property
     def _whole_band(self) -> dict[str, tuple[float, float]]:
@@ -277,7 +281,7 @@ class EarlierRuns(ClutterStage):
     def _match(self, block: range | None) -> Accumulator:  # noqa: ARG002
         """Return what gathers how well the drives fit, on scans spread over the run."""
         scans = len(self.setup.imager)
-        chosen = set(np.linspace(0, scans - 1, min(scans, _MATCHED)).round().astype(int).tolist())
+        chosen = set(spread_scans(scans, _MATCHED).tolist())
         today = self._imager("itself", self.setup.run)
         pieces: list[Arrays] = []
 

@@ -12,13 +12,18 @@ from flgpr.clutter import standing_field, subtract_standing
 from flgpr.engine import Accumulator, PlannedPass, append_accumulator
 from flgpr.model import Grid
 from flgpr.stages import ClutterStage, Table
-from flgpr.types import Arrays, ComplexArray
+from flgpr.types import Arrays, ComplexArray, IndexArray
 
 
 class StandingSettings(Table):
     """``most`` scans, spread evenly over the run, give the median."""
 
     most: Annotated[int, Field(ge=3)] = 64
+
+
+def spread_scans(scans: int, most: int) -> IndexArray:
+    """Return at most so many of a run's scans, spread evenly from its first to its last."""
+    return np.unique(np.linspace(0, scans - 1, min(scans, most)).round().astype(np.intp))
 
 
 def standing_pass(
@@ -48,8 +53,7 @@ def standing_pass(
     PlannedPass
         Its result holds the ``field``.
     """
-    spread = np.linspace(0, scans - 1, min(scans, most))
-    chosen = set(np.unique(np.rint(spread).astype(int)).tolist())
+    chosen = set(spread_scans(scans, most).tolist())
 
     def start(block: range | None) -> Accumulator:  # noqa: ARG001
         pieces: list[Arrays] = []
