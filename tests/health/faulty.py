@@ -81,6 +81,10 @@ def turned(signal, pose):
     signal[:, :, [2, 6, 13]] *= -1
 
 
+def swapped(signal, pose):
+    signal[:, :, [3, 7]] = signal[:, :, [7, 3]]
+
+
 def receivers_reversed(signal, pose):
     shape = signal.shape
     return signal.reshape(*shape[:2], 2, 9, -1)[..., ::-1, :].reshape(shape), pose
@@ -132,6 +136,7 @@ FAULTS = {
     "dead pairs": scaled((ALL, ALL, 4), 1e-3),
     "dead polarization": scaled((ALL, 1), 1e-4),
     "stuck pairs": put((ALL, ALL, 4), 1 + 1j),
+    "swapped pairs": swapped,
     "turned pairs": turned,
     "noisy tones": noisy,
     "noise": noise_alone,

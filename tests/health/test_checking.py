@@ -32,6 +32,7 @@ def gap(signal, pose):
 OTHERS = {
     "dead pairs": (FAULTS["dead pairs"], WRONG),
     "hot pairs": (FAULTS["hot pairs"], WRONG),
+    "swapped pairs": (FAULTS["swapped pairs"], WRONG),
     "turned pairs": (FAULTS["turned pairs"], WRONG),
     "disturbed tones": (FAULTS["disturbed tones"], WRONG),
     "frozen positions": (FAULTS["frozen positions"], WRONG),

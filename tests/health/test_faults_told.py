@@ -140,6 +140,15 @@ def test_a_sign_is_told_with_its_pairs(clean):
     assert one.pairs == (2, 6, 13)
 
 
+def test_pairs_in_each_others_place_are_told_and_not_taken_for_turned_ones(clean):
+    swapped = with_fault(clean, FAULTS["swapped pairs"])
+    [one] = health_of_run(swapped).findings
+    assert one.pairs == (3, 7)
+    swapped, turned = health_of_run(with_fault(swapped, FAULTS["turned pairs"])).findings
+    assert swapped.pairs == (3, 7)
+    assert turned.pairs == (2, 6, 13)
+
+
 def test_a_long_run_is_judged_by_stretches_of_it():
     run = make_drive(2)
     many = 300 // run.sizes["scan"] + 1
@@ -169,7 +178,9 @@ def findings_live(run, lane=None, lost=True):
     return told
 
 
-@pytest.mark.parametrize("name", ["dead polarization", "turned pairs", "jitter", "heading", "lag"])
+@pytest.mark.parametrize(
+    "name", ["dead polarization", "swapped pairs", "turned pairs", "jitter", "heading", "lag"]
+)
 def test_the_geometry_is_judged_while_driving_too(longer, name):
     assert told_live(longer) == []
     assert name in told_live(with_fault(longer, FAULTS[name]))

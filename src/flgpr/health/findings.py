@@ -76,6 +76,13 @@ LIMITS: dict[str, Limit] = {
         "{where}: the sign is opposite to that of the neighbours",
         "turn the sign back in the recording, or leave these pairs out",
     ),
+    "swapped pairs": Limit(
+        0.4,
+        "of the likeness of neighbours",
+        "{where} are more like their neighbours in each other's place, by {value:.0%} of what "
+        "neighbours are, at most {most:.0%}",
+        "exchange them in the recording",
+    ),
     "disturbed tones": Limit(
         15.0,
         "dB",
@@ -149,6 +156,8 @@ DEVIATIONS = 4.0
 """Standard errors that such a gain must have, too."""
 TURNED_LIKENESS = 0.25
 """Median correlation of neighbouring pairs that is needed to tell a turned sign."""
+PLACED_LIKENESS = 0.45
+"""Median correlation of neighbouring pairs that is needed to tell that two have changed places."""
 NOISY_LIKENESS = 0.5
 """Share of the median likeness of neighbouring tones under which a tone holds noise."""
 CLEAR = 0.98

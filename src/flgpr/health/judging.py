@@ -19,6 +19,7 @@ from flgpr.health.findings import (
     MOST_TONES,
     MOVING_DB,
     NOISY_LIKENESS,
+    PLACED_LIKENESS,
     TURNED_LIKENESS,
     Finding,
     finding,
@@ -27,13 +28,14 @@ from flgpr.health.findings import (
 from flgpr.health.focus import like_polarized
 from flgpr.health.sums import LEAST_POWER, HealthSums
 from flgpr.model import Lane
-from flgpr.types import BoolArray, FloatArray
+from flgpr.types import BoolArray, FloatArray, IndexArray
 
 _BEFORE_LANE = 10.0  # m
 _LEAST_USUAL = 0.5  # likeness of neighbouring tones under which they say nothing of one another
 _LEAST_PAIRS = 4  # of fewer, the level of one says little of another's
 _MOST_HOT = 0.25  # of the pairs
 _SILENT_DB = 300.0  # under the median pair, stands for no power at all
+_IN_PLACE = 0.6  # of the median likeness of neighbours, that of pairs in their right places
 _ALIKE = 5  # pairs whose antennas are as far apart, the nearest
 
 
@@ -92,7 +94,16 @@ def judge_sums(sums: HealthSums, radar: Radar) -> list[Finding]:
             found.append(finding(name, figures[name]))
     if sums.shape[2] >= LEAST_TONES:
         found += _tones(sums, radar)
-    pairs = turned_pairs(sums, radar)
+    neighbours = Neighbours(sums, radar)
+    pairs = neighbours.swapped
+    if pairs:
+        couples = [
+            f"{first} and {second}" for first, second in zip(pairs[::2], pairs[1::2], strict=True)
+        ]
+        found.append(
+            finding("swapped pairs", neighbours.gain, f"pairs {listed(couples)}", pairs=pairs)
+        )
+    pairs = neighbours.turned
     if pairs:
         found.append(finding("turned pairs", len(pairs), f"pairs {listed(pairs)}", pairs=pairs))
     return found
@@ -110,7 +121,9 @@ def statistics(sums: HealthSums, radar: Radar) -> dict[str, float]:
     if levels.shape[1] >= _LEAST_PAIRS:
         figures["dead pairs"] = float(-levels.min())
         figures["hot pairs"] = float(over_alike(levels, radar).max())
-        figures["turned pairs"] = float(len(turned_pairs(sums, radar)))
+        neighbours = Neighbours(sums, radar)
+        figures["swapped pairs"] = neighbours.gain
+        figures["turned pairs"] = float(len(neighbours.turned))
     if sums.shape[2] >= LEAST_TONES:
         figures["noise"] = 1 - sums.likeness
         figures["jitter"] = jitter_ps(sums, radar)
@@ -350,37 +363,95 @@ def jitter_ps(sums: HealthSums, radar: Radar) -> float:
     return float(np.std(sums.delays)) / (2 * np.pi * step) * 1e12 / np.sqrt(2)
 
 
-def turned_pairs(sums: HealthSums, radar: Radar) -> list[int]:
-    """Return the numbers of the pairs whose sign is turned; none where it cannot be told.
+class Neighbours:
+    """How alike the pairs of a run are, by which a pair in another's place or of the other sign shows.
 
     Along the receivers of a transmitter every correlation of neighbours has the sign that most of
-    them have, but where one of the two is turned. The fewer are the turned ones.
+    them have.
+
+    Parameters
+    ----------
+    sums : HealthSums
+        Sums of its scans.
+    radar : Radar
+        Names of the polarizations and places of the pairs.
+
+    Attributes
+    ----------
+    swapped : list of int
+        Numbers of the pairs that have changed places, two by two.
+    gain : float
+        Of the best exchange of two pairs: how much more alike their neighbours are after it, as a
+        share of the median; 0 where it cannot be told.
+    turned : list of int
+        Numbers of the pairs whose sign is turned.
     """
-    likeness = sums.pair_likeness[like_polarized(radar.polarizations)].mean(axis=0)
-    tx = radar.tx_position
-    same = np.all(np.isclose(tx[1:], tx[:-1]), axis=1)
-    if not same.any():
-        same[:] = True
-    usable = same & np.isfinite(likeness)
-    if np.count_nonzero(usable) < 3:
-        return []
-    usual = float(np.median(likeness[usable]))
-    strength = float(np.median(np.abs(likeness[usable])))
-    if strength < TURNED_LIKENESS:
-        return []
-    usual_sign = np.sign(usual)
+
+    def __init__(self, sums: HealthSums, radar: Radar) -> None:
+        self.swapped: list[int] = []
+        self.gain = 0.0
+        self.turned: list[int] = []
+        likeness = sums.pair_likeness[like_polarized(radar.polarizations)].mean(axis=0)
+        tx = radar.tx_position
+        beside = np.all(np.isclose(tx[1:], tx[:-1]), axis=1)
+        if not beside.any():
+            beside[:] = True
+        links = np.diagonal(likeness, 1)
+        beside = beside & np.isfinite(links)
+        if np.count_nonzero(beside) < 3:
+            return
+        strength = float(np.median(np.abs(links[beside])))
+        if strength < TURNED_LIKENESS:
+            return
+        sign = np.sign(np.median(links[beside]))
+        order = np.arange(len(likeness))
+        if strength > PLACED_LIKENESS:
+            order = self._exchanged(np.nan_to_num(np.abs(likeness)) / strength, beside)
+        links = sign * np.diagonal(likeness[np.ix_(order, order)], 1)
+        self.turned = _turned(links < -strength / 2, beside)
+
+    def _exchanged(self, likeness: FloatArray, beside: BoolArray) -> IndexArray:
+        """Return the pairs in the order in which neighbours are alike, and keep what was exchanged."""
+        np.fill_diagonal(likeness, 0)
+        adjacent = np.diag(beside.astype(float), 1)
+        adjacent += adjacent.T
+        links = adjacent.sum(axis=0)
+        together = links[:, None] + links
+        order = np.arange(len(likeness))
+        for _ in range(len(order) // 4):
+            now = likeness[np.ix_(order, order)]
+            placed = now @ adjacent  # of a pair in the place of another
+            as_stated = np.diag(placed)
+            after = placed + placed.T + 2 * now * adjacent  # neighbours stay beside each other
+            with np.errstate(invalid="ignore", divide="ignore"):
+                gain = (after - as_stated[:, None] - as_stated) / together
+                gain[~(after > _IN_PLACE * together)] = 0
+            best = np.unravel_index(np.argmax(gain), gain.shape)
+            self.gain = max(self.gain, float(gain[best]))
+            if not gain[best] > LIMITS["swapped pairs"].most:
+                break
+            couple = np.array(best)
+            self.swapped += sorted(order[couple].tolist())
+            order[couple] = order[couple[::-1]]
+        return order
+
+
+def _turned(flips: BoolArray, beside: BoolArray) -> list[int]:
+    """Return the numbers of the pairs whose sign is turned: the fewer of each row of neighbours.
+
+    Both arguments are (pair - 1,): whether the sign changes to the next pair, and whether that
+    stands beside.
+    """
     turned: list[int] = []
-    group: list[tuple[int, int]] = [(0, 1)]
-    for pair in range(1, len(tx)):
-        if not usable[pair - 1]:
-            turned += _fewer(group)
-            group = [(pair, 1)]
+    row: list[tuple[int, int]] = [(0, 1)]
+    for pair, (flip, is_beside) in enumerate(zip(flips, beside, strict=True), 1):
+        if not is_beside:
+            turned += _fewer(row)
+            row = [(pair, 1)]
             continue
-        value = likeness[pair - 1] * usual_sign
-        flips = value < -TURNED_LIKENESS / 2
-        sign = -group[-1][1] if flips else group[-1][1]
-        group.append((pair, sign))
-    return turned + _fewer(group)
+        before = row[-1][1]
+        row.append((pair, -before if flip else before))
+    return turned + _fewer(row)
 
 
 def _fewer(group: Sequence[tuple[int, int]]) -> list[int]:

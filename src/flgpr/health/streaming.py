@@ -299,7 +299,14 @@ class LiveHealth:
         if count >= self._judged_from:  # the scan due for it may have been of no use
             while self._judged_from <= count:
                 self._judged_from *= 2
-            later = ("dead polarization", "turned pairs", "noisy tones", "noise", "jitter")
+            later = (
+                "dead polarization",
+                "swapped pairs",
+                "turned pairs",
+                "noisy tones",
+                "noise",
+                "jitter",
+            )
             judged = judge_sums(self.sums, self._radar)
             found += self._tell_all([self._act(one) for one in judged if one.name in later])
         if len(self._places) >= _FIRST_JUDGED:

@@ -18,7 +18,7 @@ ComplexArray = NDArray[np.complexfloating]
 
 LEAST_POWER = 1e-30
 """Power that stands for none where a level is taken, in the square of the signal's unit."""
-LOWEST_SHARE = 10
+LOWEST_SHARE = 20
 """Neighbouring receivers are compared on the lowest one in so many of the tones."""
 REMEMBERED = 256
 """Latest scans whose delays and changes are remembered one by one."""
@@ -32,7 +32,7 @@ _NEIGHBOURS_EVERY = 4  # scans between two whose neighbouring tones are compared
 _MEDIAN_EVERY = 8  # tones between two medians of those around
 _SUMMED = (
     *("scans", "sweeps", "power", "standing", "not_finite", "stuck", "steps", "change_db"),
-    *("changes", "excess_db", "bursts", "repeated", "alike", "change_power", "next_tone"),
+    *("changes", "excess_db", "bursts", "repeated", "pair_products", "next_tone"),
     *("tone_power", "neighbour", "tone_sum", "delays", "clearness", "changed"),
 )
 """Attributes of the sums that a state holds; the quarters are those of a run that is known whole."""
@@ -81,8 +81,8 @@ class HealthSums:
         self.excess_db = np.zeros(tones)  # sum over scans of a tone's level over those around it
         self.bursts = np.zeros(tones, np.int64)  # scans in which it stands out
         self.repeated = 0  # scans that hold the numbers of the scan before
-        self.alike = np.zeros(channels, np.complex128)  # of a pair's change with the next pair's
-        self.change_power = np.zeros(channels)  # of the change on the lowest tones
+        # of a pair's change with another's, on the lowest tones; each change of a pair weighs the same
+        self.pair_products = np.zeros((*channels, pairs), np.complex128)
         between = max(tones - 1, 0)
         self.next_tone = np.zeros(between, np.complex128)  # of a tone's change with the next
         self.tone_power = np.zeros(tones)  # of the change
@@ -180,9 +180,10 @@ class HealthSums:
             changed = change if both.all() else change[both][None]
             self.next_tone += np.einsum("apf,apf->f", changed[..., 1:], changed[..., :-1].conj())
             self.tone_power += change_power[both].sum(axis=0, dtype=np.float64)
-        low = change[..., : max(8, change.shape[-1] // LOWEST_SHARE)]
-        self.alike[:, :-1] += np.einsum("apf,apf->ap", low[:, 1:].conj(), low[:, :-1])
-        self.change_power += _power(low).sum(axis=-1)
+        low = change[..., : max(8, change.shape[-1] // LOWEST_SHARE)] * both[..., None]
+        amplitude = np.sqrt(_power(low).mean(axis=-1, keepdims=True))
+        low = low / np.maximum(amplitude, np.sqrt(LEAST_POWER))  # so that no scan decides alone
+        self.pair_products += low @ low.conj().swapaxes(-1, -2)
         level = float(channel_power[both].mean())
         return False, 10 * np.log10(total / max(level, LEAST_POWER))
 
@@ -200,7 +201,7 @@ class HealthSums:
 
     def restore(self, arrays: dict[str, NDArray[Any]]) -> None:
         """Continue from arrays that :meth:`state` returned."""
-        for name in _SUMMED:
+        for name in arrays.keys() & set(_SUMMED):  # one of a version before may have less
             value: Any = arrays[name]
             kind = type(getattr(self, name))
             if kind is int:
@@ -237,13 +238,14 @@ class HealthSums:
 
     @property
     def pair_likeness(self) -> FloatArray:
-        """Correlation, real, of a pair's change with the next pair's (polarization, pair - 1).
+        """Correlation, real, of a pair's change with another's (polarization, pair, pair).
 
         It is that of the lowest tones; NaN where nothing changes.
         """
-        power = np.sqrt(self.change_power[:, 1:] * self.change_power[:, :-1])
+        amplitude = np.sqrt(np.einsum("app->ap", self.pair_products).real)
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray(self.alike[:, :-1].real / power)
+            scaled = self.pair_products.real / amplitude[:, None] / amplitude[..., None]
+            return np.asarray(scaled)
 
 
 def _power(signal: ComplexArray) -> NDArray[np.floating]:

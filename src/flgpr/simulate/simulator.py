@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import functools
 import math
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -142,6 +143,16 @@ class Simulator:
         ndarray (polarization, pair, frequency) of complex64
             Received over transmitted wave.
         """
+        return self.received(self.echoes(index), index)
+
+    def echoes(self, index: int) -> ComplexArray:
+        """Simulate what comes back in a scan from the ground and all that stands on it.
+
+        Returns
+        -------
+        ndarray (4, pair, frequency) of complex64
+            HH, HV, VH and VV, before the radar: neither its response nor its errors are in them.
+        """
         array = self._array(index)
         view = self._view(array, self.pose[index])
         with blas_on_one_thread():  # its threads would compete with those of our kernels
@@ -153,9 +164,36 @@ class Simulator:
         channels = channels + layers
         if self._specular is not None:
             channels = channels + self._specular(array)
+        return channels
+
+    def received(self, echoes: ComplexArray, index: int) -> ComplexArray:
+        """Return a scan as the radar records it, with its direct wave and its errors.
+
+        Parameters
+        ----------
+        echoes : ndarray (4, pair, frequency) of complex64
+            As :meth:`echoes` returns them.
+        index : int
+            Number of the scan.
+
+        Returns
+        -------
+        ndarray (polarization, pair, frequency) of complex64
+            As :meth:`scan` returns it.
+        """
         if self._direct is not None:
-            channels = channels + self._direct * self._drift_of_direct_wave(index)
-        return self._received(channels, index)
+            echoes = echoes + self._direct * self._drift_of_direct_wave(index)
+        return self._received(echoes, index)
+
+    def with_other_errors(self, seed: int) -> Simulator:
+        """Return a simulator of the same drive over the same world, its radar's errors drawn anew.
+
+        Noise, drifts, interference, lost sweeps and the navigation's errors are those of another
+        seed; the echoes are the same. ``self`` is left as it is.
+        """
+        other = copy.copy(self)
+        other._errors = Impairments(self.sensor, seed, self.scene.drive, self.scene.change)
+        return other
 
     def bodies(self, index: int) -> ComplexArray:
         """Simulate what the targets' bodies alone add to a scan.
@@ -215,16 +253,21 @@ class Simulator:
             "own_echoes_path_m": signature_end(self.sensor) if has_own_echoes else None,
         }
 
-    def run(self, bodies: bool = False) -> xr.Dataset:
+    def run(self, bodies: bool = False, echoes: Sequence[ComplexArray] | None = None) -> xr.Dataset:
         """Simulate all scans into a run held in memory.
 
         Parameters
         ----------
         bodies : bool
             Whether the scans hold only what the targets' bodies add to them.
+        echoes : sequence of ndarray, optional
+            Those of every scan, as :meth:`echoes` returns them, where they are known.
         """
-        simulate_scan = self.bodies if bodies else self.scan
-        scans = np.stack([simulate_scan(index) for index in range(len(self))])
+        if echoes is not None:
+            scans = np.stack([self.received(each, index) for index, each in enumerate(echoes)])
+        else:
+            simulate_scan = self.bodies if bodies else self.scan
+            scans = np.stack([simulate_scan(index) for index in range(len(self))])
         tx, rx = self.sensor.pairs()
         return make_run(
             scans,
