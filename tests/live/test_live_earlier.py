@@ -130,6 +130,16 @@ def test_what_was_laid_since_is_raised_live_and_the_events_say_what_alarms_are(h
     assert "dB of the images)" in told[0]
 
 
+def test_what_is_wrong_with_an_earlier_drive_is_told(home, before):
+    broken = before.copy(deep=True)
+    broken["signal"].values[:, :, 2] = 0
+    save_run(broken, home / "broken.zarr")
+    _, lines = live(home, "broken", before=[home / "broken.zarr"])
+    told = [line["words"] for line in lines if line.get("name") == "before"]
+    assert told[0].startswith("run before: pair 2 ")
+    assert told[0].endswith("; 1 pair left out")
+
+
 def test_a_road_that_no_earlier_drive_covers_is_told_with_its_scans(home):
     report, lines = live(home, "half", before=[home / "half.zarr"])
     told = [line["words"] for line in lines if line.get("name") == "before"]

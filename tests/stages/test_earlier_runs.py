@@ -9,6 +9,7 @@ import pytest
 
 import flgpr
 from driven_twice import FREQUENCY, OLD, drive
+from flgpr.clutter import standing_field
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.instead import contrast_lane
 from flgpr.method.method import detect, engine_of
@@ -67,6 +68,22 @@ def test_both_days_show_what_is_old_and_their_difference_does_not(drives):
     assert detect(today, parse_recipe(small_recipe()), LANE).earlier is None
 
 
+def test_what_stands_still_is_told_better_without_the_ground(drives):
+    """In the median of thirteen scans a thirteenth of the ground is left."""
+    coupling = np.random.default_rng(3).standard_normal((3, 8, 1)) + 1j
+    before, today = (one.assign(signal=one["signal"] + coupling) for one in drives)
+    lane = ImagedRun(today, parse_recipe(recipe()), LANE, others={"before": before})
+    engine_of(lane).run()
+    def error(field):
+        return np.linalg.norm(field[lane.setup.imaged] - coupling[lane.setup.imaged])
+
+    today_before, today_after, then = (
+        lane.results[f"earlier.{name}"] for name in ("standing", "refined", "then")
+    )
+    assert error(today_after["field"]) < 0.92 * error(today_before["field"])
+    assert error(then["before"]) < 0.92 * error(standing_field(before["signal"].values))
+
+
 def test_every_thread_has_the_days_of_the_scan_that_it_cleaned(drives):
     before, today = drives
     lane = ImagedRun(today, parse_recipe(recipe()), LANE, others={"before": before})
@@ -99,7 +116,8 @@ def test_tracks_that_are_off_are_moved_onto_each_other(drives):
     today = drive(2, TARGETS, offset=0.15)
     found = detect(today, parse_recipe(recipe()), LANE, others={"before": before})
     new = [strongest_near(found, target + [0.15, 0]) for target in TARGETS[1:]]
-    assert max(new) <= 3
+    assert min(new) == 1
+    assert max(new) <= 5
     assert found.notes["earlier_offset"] == pytest.approx(0.15, abs=0.06)
 
 

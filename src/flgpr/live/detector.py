@@ -297,7 +297,7 @@ class LiveDetector:
         if self.earlier is None or self.earlier.is_ready:
             gain, background = self.background.add(image)  # refuses an image that cannot be used
         if self.earlier is not None:
-            self.earlier.learn(scan.signal)
+            self.earlier.learn(scan.signal, pose)
         if self.first_pose is None:
             self.first_pose = pose
             self._report_aliases(pose)

@@ -57,8 +57,15 @@ class EarlierDrives:
         """Whether enough scans came to tell what stands still."""
         return self._learnt >= LEAST_WARM_UP
 
-    def learn(self, signal: ComplexArray) -> None:
-        """Take the data (polarization, pair, frequency) of a scan into the mean."""
+    def learn(self, signal: ComplexArray, pose: FloatArray) -> None:
+        """Take the data (polarization, pair, frequency) of a scan into the mean.
+
+        The ground that earlier drives predict is taken out first: of few scans it is a large part.
+        """
+        if self.stage.settings.iterations:
+            imaged = self.stage.setup.imaged
+            signal = signal.copy()
+            signal[imaged] -= self.stage.ground_in(self.clean(signal)[imaged], pose)
         self._learnt += 1
         weight = 1 / min(self._learnt, self._span or self._learnt)
         self._mean = self._mean + weight * (signal - self._mean)

@@ -29,6 +29,7 @@ import xarray as xr
 import flgpr
 from flgpr.door import Folder, refuse_links
 from flgpr.geo import own_anchor, read_anchor
+from flgpr.health.findings import Finding
 from flgpr.health.of_run import health_of_run, without
 from flgpr.live.alarm_reports import AlarmReporter
 from flgpr.live.causal_steps import check_causal
@@ -93,7 +94,6 @@ from flgpr.store.notes import log_note
 from flgpr.store.outputs import locked_folder, log_finished
 from flgpr.store.scan_file import RUN_FILE
 from flgpr.store.writing import write_table
-from flgpr.types import PathLike
 
 _NO_POSE = "left out: no scan with a pose has come yet, and a recipe needs the array's height"
 _TICK = 0.1  # s between checks of the clock while nothing comes
@@ -142,7 +142,13 @@ class LiveRun:
             digest = sha256(model_data)
             self._model = parse_model(model_data, options.model)
         names = before_names(len(options.before))
-        self._before = {name: _usable(run) for name, run in zip(names, options.before, strict=True)}
+        self._before: dict[str, xr.Dataset] = {}
+        self._of_before: list[Finding] = []  # what is wrong with earlier drives
+        for name, path in zip(names, options.before, strict=True):
+            run = open_run(path)
+            health = health_of_run(run)
+            self._before[name] = without(run, health.left_out)
+            self._of_before += [finding.of_run(name) for finding in health.findings]
         self._is_alone = False  # whether the newest scan lies near none of an earlier drive
         self._recipe: Recipe | None = None
         self._lane: Lane | None = None if options.lane is None else read_lane(options.lane)
@@ -408,6 +414,7 @@ class LiveRun:
         cannot_judge = why_not(self._model.ground)
         if cannot_judge and (self._model.detector is not None or self._model.stages):
             log_note("; ".join(Comparison(cannot=cannot_judge).notes()))
+        events.append([problem_event(one.run, one.sentence) for one in self._of_before])
         rehearse(description, recipe, self._model, self._before)
         intake.health.lane = self._lane or (None if recipe.lane is None else recipe.lane.lane())
         self._detector = detector
@@ -595,12 +602,6 @@ def rehearse(
         pose = np.array([0.0, float(number), 2.0, 0.0, 0.0, 0.0])
         signal = (noise[0] + 1j * noise[1]).astype(np.complex64)
         detector.add(Scan(number, float("nan"), pose, signal))
-
-
-def _usable(path: PathLike) -> xr.Dataset:
-    """Open a run without the pairs and tones that are broken, as a detection of it would."""
-    run = open_run(path)
-    return without(run, health_of_run(run).left_out)
 
 
 def _recipe_vehicle(options: LiveOptions) -> Vehicle:

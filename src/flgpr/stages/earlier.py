@@ -25,13 +25,13 @@ from flgpr.clutter import (
     standing_field,
     subtract_standing,
 )
-from flgpr.engine import Accumulator, PlannedPass, append_accumulator
+from flgpr.engine import Accumulator, PlannedPass, append_accumulator, concatenate
 from flgpr.imaging import ScanImager
 from flgpr.jit.threads import blas_on_one_thread
 from flgpr.model import SPEED_OF_LIGHT, Grid, lane_to_scan, scan_to_lane
 from flgpr.stages import ClutterStage, Positive, Table
 from flgpr.stages.standing import StandingSettings, spread_scans, standing_pass
-from flgpr.types import Arrays, ComplexArray, FloatArray, floats
+from flgpr.types import AnyArray, Arrays, ComplexArray, FloatArray, floats
 
 BEFORE = "before"
 """Name of an earlier run in ``others``; of several runs each has it with a number, ``before-2``."""
@@ -46,10 +46,16 @@ _MATCHED = 16  # scans, spread over the run, that tell how well the drives fit
 _FITS = 2.0  # dB; independent images of the same statistics are predicted by about 1 dB
 STANDING = "earlier.standing"
 """Result that holds what stands still on the vehicle today, ``field``; live, what does so far."""
+_REFINED = "earlier.refined"
+"""Result that holds that field as it is without the ground that earlier drives predict."""
+_THEN = "earlier.then"
+"""Result that holds what stood still at each earlier drive, by its name, without today's ground."""
 _MATCH = "earlier.match"
 _MOST = StandingSettings().most
+_REFINING = 32  # scans, spread over the run, whose ground is taken out before their median is taken
+_PARTS = 8  # of the band, in each of which what a model says of a scan has a gain of its own
 _SPACING = 0.4  # of fitted ground, wavelengths of the highest tone
-_KEPT = 256e6  # bytes of fitted ground that are kept from scan to scan and from pass to pass
+_KEPT = 256e6  # bytes of fitted ground, and of predictions, that are kept from pass to pass
 
 
 Look = Callable[[FloatArray], ComplexArray]
@@ -83,7 +89,9 @@ class EarlierRuns(ClutterStage):
     def __init__(self, settings: Any, setup: Any, learnt: Arrays | None = None) -> None:
         super().__init__(settings, setup, learnt)
         self._of_thread = threading.local()  # blocks of scans go to several threads
-        self._fitted: dict[tuple[str, int], ComplexArray] = {}
+        self._fitted: dict[tuple[str, int, bool], ComplexArray] = {}
+        self._predictions: dict[tuple[int, int], tuple[ComplexArray, ComplexArray]] = {}
+        self._predicted_bytes = 0
         self._fitting = threading.Lock()
         self._imagers = {
             name: self._imager(name, run)
@@ -122,19 +130,26 @@ class EarlierRuns(ClutterStage):
         copies = settings.looks * (2 * settings.reach + 1) ** 2
         samples = sizes["polarization"] * sizes["pair"] * sizes["frequency"]
         images = 8.0 * image.nx * image.ny * (copies + 16 * settings.looks)
-        return images + 4 * 8.0 * 64 * samples + (2 * _KEPT if settings.iterations else 0.0)
+        return images + 4 * 8.0 * 64 * samples + _KEPT + (2 * _KEPT if settings.iterations else 0.0)
 
     def passes(self) -> list[PlannedPass]:
-        """Return the passes of the standing fields of all drives, and of how well the drives fit."""
+        """Return the passes of the standing fields of all drives, and of how well the drives fit.
+
+        A median of so many scans still holds about one in so many parts of the ground. Where ground
+        is fitted it is taken out first, today's and then that of the earlier drives.
+        """
         scans = len(self.setup.imager)
-        return [
-            standing_pass(STANDING, scans, _MOST, lambda index: self.before(index, 1)[0]),
-            PlannedPass(_MATCH, "match with earlier drives", self._match, all_scans=True),
-        ]
+        own = standing_pass(STANDING, scans, _MOST, lambda index: self.before(index, 1)[0])
+        match = PlannedPass(_MATCH, "match with earlier drives", self._match, all_scans=True)
+        if not self.settings.iterations:
+            return [own, match]
+        refined = standing_pass(_REFINED, scans, _REFINING, self._without_earlier_ground)
+        then = PlannedPass(_THEN, "standing fields of earlier drives", self._then, all_scans=True)
+        return [own, refined, then, match]
 
     @cached_property
-    def _standing_then(self) -> dict[str, ComplexArray]:
-        """What stood still on the vehicle at each earlier drive."""
+    def _medians_then(self) -> dict[str, ComplexArray]:
+        """The median over each earlier drive, which is about what stood still on the vehicle."""
         fields = {}
         for name, imager in self._imagers.items():
             chosen = imager.scans[spread_scans(len(imager), _MOST)]
@@ -143,11 +158,135 @@ class EarlierRuns(ClutterStage):
 
     def clean(self, index: int, data: ComplexArray) -> ComplexArray:  # noqa: ARG002
         """Return the data without what stands still on the vehicle."""
-        return subtract_standing(data, self.setup.results[STANDING]["field"])
+        results = self.setup.results
+        return subtract_standing(data, results.get(_REFINED, results[STANDING])["field"])
 
-    def of_image(self, index: int, image: xr.DataArray) -> xr.DataArray:  # noqa: ARG002
-        """Return the image of a scan less what earlier drives predict."""
-        return self.of_part(image, range(image.sizes["subband"]), image.sizes["y"])
+    def _without_earlier_ground(self, index: int) -> ComplexArray:
+        """Return the data of a scan less what earlier drives say of its ground."""
+        data = self.before(index, 1)[0].copy()
+        imaged = self.setup.imaged
+        cleaned = self.clean(index, data)[imaged]
+        data[imaged] -= self.ground_in(cleaned, self.setup.pose(index))
+        return data
+
+    def ground_in(self, cleaned: ComplexArray, pose: FloatArray) -> ComplexArray:
+        """Return what the nearest scan of the earlier drives says of the ground in a scan's data.
+
+        Parameters
+        ----------
+        cleaned : (polarization, pair, frequency) ndarray of complex
+            Data of the polarizations that are imaged, without what stands still.
+        pose : (6,) ndarray
+            The scan's pose.
+
+        Returns
+        -------
+        (polarization, pair, frequency) ndarray of complex
+            What the ground adds; 0 where no earlier scan lies near.
+        """
+        for name, imager in self._imagers.items():
+            for scan in self._nearest(imager, pose)[:1]:
+                then = floats(imager.run["pose"].values[scan])
+                fitted = self._reflectivity(name, scan)
+                return self._seen(self.setup.imager, pose, cleaned, fitted, then)
+        return np.zeros_like(cleaned)
+
+    def _seen(
+        self,
+        imager: ScanImager,
+        pose: FloatArray,
+        cleaned: ComplexArray,
+        fitted: ComplexArray,
+        then: FloatArray,
+    ) -> ComplexArray:
+        """Return the part of a scan's data that ground fitted to a scan of another drive explains.
+
+        Both drives are moved onto each other. In each part of the band the echo has the gain that
+        fits, for gain and phase drift from day to day.
+        """
+        operator = imager.operator_at(pose, imager.grid.points(), imager.subbands, imager.window)
+        echo = partial(self._echo, imager, pose, fitted, then)
+        image = _channels(operator.adjoint(cleaned))
+        offset = self._on(image, lambda moved: _channels(operator.adjoint(echo(moved))))[1]
+        left = [
+            subtract_standing(data, of_part)
+            for data, of_part in zip(
+                np.array_split(cleaned, _PARTS, axis=-1),
+                np.array_split(echo(offset), _PARTS, axis=-1),
+                strict=True,
+            )
+        ]
+        return cleaned - np.concatenate(left, axis=-1)
+
+    def _echo(
+        self,
+        imager: ScanImager,
+        pose: FloatArray,
+        fitted: ComplexArray,
+        then: FloatArray,
+        offset: FloatArray,
+    ) -> ComplexArray:
+        """Return what a scan at a pose receives from ground fitted to a scan at another one.
+
+        The ground is moved by an offset (3,), m.
+        """
+        ground = lane_to_scan(scan_to_lane(self._ground.points(), then), pose) + offset
+        return imager.operator_at(pose, ground, self._whole_band).forward(fitted)
+
+    def _then(self, block: range | None) -> Accumulator:  # noqa: ARG002
+        """Return what gathers the fields of earlier drives, on scans spread over the run."""
+        own = self.setup.imager
+        chosen = set(spread_scans(len(own), _REFINING).tolist())
+        pieces: dict[str, list[Arrays]] = {name: [] for name in self._imagers}
+
+        def add(index: int) -> None:
+            if index not in chosen:
+                return
+            pose = self.setup.pose(index)
+            near = {name: self._nearest(imager, pose)[:1] for name, imager in self._imagers.items()}
+            if not any(near.values()):
+                return
+            fitted = self._fit(own, pose, self.data(index, 1)[0][self.setup.imaged])
+            for name, scans in near.items():
+                for scan in scans:
+                    imager = self._imagers[name]
+                    then = floats(imager.run["pose"].values[scan])
+                    cleaned = self._cleaned(name, scan)
+                    ground = self._seen(imager, then, cleaned, fitted, pose)
+                    pieces[name].append({name: (imager.signal(scan) - ground)[None]})
+
+        def state(_: Any) -> Arrays:
+            return {
+                key: data for each in pieces.values() for key, data in concatenate(each).items()
+            }
+
+        def merge(state: Mapping[str, AnyArray]) -> None:
+            for name, data in state.items():
+                pieces[name].append({name: data})
+
+        def result() -> Arrays:
+            return {
+                name: standing_field(data) for name, data in state(None).items() if len(data) > 2
+            }
+
+        return Accumulator(add, state, merge, result)
+
+    def of_image(self, index: int, image: xr.DataArray) -> xr.DataArray:
+        """Return the image of a scan less what earlier drives predict.
+
+        That is kept for later passes, of as many scans as there is memory for.
+        """
+        key = index, image.sizes["y"]
+        known = self._predictions.get(key)
+        if known is None:
+            known = self._predict(image, range(image.sizes["subband"]), image.sizes["y"])
+            with self._fitting:
+                self._predicted_bytes += sum(each.nbytes for each in known)
+                if self._predicted_bytes <= _KEPT:
+                    self._predictions[key] = known
+        prediction, earlier = known
+        self._of_thread.days = {"today": _channels(image.values), "earlier": earlier}
+        return image.copy(data=image.values - prediction.reshape(image.shape))
 
     def of_part(self, image: xr.DataArray, subbands: Sequence[int], rows: int) -> xr.DataArray:
         """Return the nearest rows of some sub-bands of an image less what earlier drives predict.
@@ -155,18 +294,25 @@ class EarlierRuns(ClutterStage):
         The whole image, with its pose, tells how far the drives are moved onto each other.
         """
         part = image.isel(subband=list(subbands), y=slice(rows))
-        looks = list(self._looks(floats(image.attrs["pose"]), image.sizes["y"]))
-        values = image.values.reshape(-1, *image.shape[-2:])
-        earlier = [self._on(values, look)[0] for look in looks]
-        self._of_thread.days = {
-            "today": values,
-            "earlier": earlier[0] if earlier else np.full_like(values, np.nan),
-        }
-        if not earlier:
-            return part
-        channels = np.arange(len(values)).reshape(image.shape[:2])[:, subbands].ravel()
-        prediction = self._prediction(values[channels], [one[channels] for one in earlier], rows)
+        prediction, earlier = self._predict(image, subbands, rows)
+        self._of_thread.days = {"today": _channels(image.values), "earlier": earlier}
         return part.copy(data=part.values - prediction.reshape(part.shape))
+
+    def _predict(
+        self, image: xr.DataArray, subbands: Sequence[int], rows: int
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """Return what earlier drives predict of a part of an image, and what the nearest scan says.
+
+        Both are (channel, y, x), 0 and NaN without an earlier scan.
+        """
+        looks = list(self._looks(floats(image.attrs["pose"]), image.sizes["y"]))
+        values = _channels(image.values)
+        channels = np.arange(len(values)).reshape(image.shape[:2])[:, subbands].ravel()
+        earlier = [self._on(values, look)[0] for look in looks]
+        if not earlier:
+            return np.zeros_like(values[channels, :rows]), np.full_like(values, np.nan)
+        of_part = [one[channels] for one in earlier]
+        return self._prediction(values[channels], of_part, rows), earlier[0]
 
     @property
     def days(self) -> dict[str, ComplexArray]:
@@ -191,13 +337,13 @@ class EarlierRuns(ClutterStage):
         return np.stack(channels)
 
     def _on(self, values: ComplexArray, look: Look) -> tuple[ComplexArray, FloatArray]:
-        """Return an earlier look moved onto an image (channel, y, x), and by how much, m."""
+        """Return an earlier look moved onto an image (channel, y, x), and the offset (3,), m."""
         grid = self.setup.imager.grid
         most = (round(self.settings.search / grid.dy), round(self.settings.search / grid.dx))
         image = look(np.zeros(3))
         rows, columns = offset_between(values, image, most)
         offset = np.array([columns * grid.dx, rows * grid.dy, 0.0])
-        return look(offset) if offset.any() else image, np.hypot(*offset[:2])
+        return look(offset) if offset.any() else image, offset
 
     def is_alone(self, pose: FloatArray) -> bool:
         """Return whether no earlier scan lies near a pose (6,)."""
@@ -217,9 +363,7 @@ class EarlierRuns(ClutterStage):
         today = own.operator_at(pose, points, own.subbands, own.window)
 
         def modelled(fitted: ComplexArray, then: FloatArray, offset: FloatArray) -> ComplexArray:
-            ground = lane_to_scan(scan_to_lane(self._ground.points(), then), pose) + offset
-            seen = own.operator_at(pose, ground, self._whole_band)
-            return _channels(today.adjoint(seen.forward(fitted)))
+            return _channels(today.adjoint(self._echo(own, pose, fitted, then, offset)))
 
         def imaged(
             imager: ScanImager, data: ComplexArray, then: FloatArray, offset: FloatArray
@@ -258,25 +402,33 @@ class EarlierRuns(ClutterStage):
 
     def _cleaned(self, name: str, scan: int) -> ComplexArray:
         """Return the data of an earlier scan without what stood still."""
-        return subtract_standing(self._imagers[name].signal(scan), self._standing_then[name])
+        field = self.setup.results.get(_THEN, {}).get(name)
+        if field is None:
+            field = self._medians_then[name]
+        return subtract_standing(self._imagers[name].signal(scan), field)
 
     def _reflectivity(self, name: str, scan: int) -> ComplexArray:
         """Return the ground (polarization, 1, y, x) that explains the data of an earlier scan.
 
         The latest are kept: neighbouring scans and later passes want the same ones.
         """
+        key = name, scan, _THEN in self.setup.results
         with self._fitting:
-            fitted = self._fitted.pop((name, scan), None)
+            fitted = self._fitted.pop(key, None)
         if fitted is None:
             imager = self._imagers[name]
             pose = floats(imager.run["pose"].values[scan])
-            operator = imager.operator_at(pose, self._ground.points(), self._whole_band)
-            fitted = fit_by_model(self._cleaned(name, scan), operator, self.settings.iterations)
+            fitted = self._fit(imager, pose, self._cleaned(name, scan))
         with self._fitting:
             while self._fitted and (len(self._fitted) + 1) * fitted.nbytes > _KEPT:
                 del self._fitted[next(iter(self._fitted))]
-            self._fitted[(name, scan)] = fitted
+            self._fitted[key] = fitted
         return fitted
+
+    def _fit(self, imager: ScanImager, pose: FloatArray, data: ComplexArray) -> ComplexArray:
+        """Fit the ground to the data of a scan."""
+        operator = imager.operator_at(pose, self._ground.points(), self._whole_band)
+        return fit_by_model(data, operator, self.settings.iterations)
 
     def _match(self, block: range | None) -> Accumulator:  # noqa: ARG002
         """Return what gathers how well the drives fit, on scans spread over the run."""
@@ -295,7 +447,7 @@ class EarlierRuns(ClutterStage):
                 if matched:
                     left = values - self._prediction(values, [look for look, _ in matched])
                     power = np.array([np.vdot(values, values).real, np.vdot(left, left).real])
-                    offset = np.array([away for _, away in matched])
+                    offset = np.array([np.hypot(*offset[:2]) for _, offset in matched])
                     pieces.append({"power": power[None], "offset": offset})
 
         return append_accumulator(pieces, add)
