@@ -12,7 +12,6 @@ from flgpr.clutter import (
     coherent_loss_db,
     iterate_frames,
     iterate_suppression,
-    measured_coherence,
 )
 from flgpr.model import SPEED_OF_LIGHT
 
@@ -75,18 +74,3 @@ def test_the_loss_of_a_coherent_sum_is_the_one_predicted():
     )
     with pytest.raises(ValueError, match="loss_db"):
         accuracy_needed(FREQUENCY, 0.0)
-
-
-def test_coherence_is_measured_at_the_strongest_pixels():
-    behind = 0.5 * np.arange(6)
-    frames = [operator_on(PIXELS, d).adjoint(data(-1.0, 5.0, behind=d))[0, 0] for d in behind]
-    exact = measured_coherence(frames, most=1)
-    assert exact.loss_db[0] == pytest.approx(0, abs=0.05)
-    row, column = exact.at[0]
-    assert np.hypot(*(PIXELS[row, column, :2] - [-1.0, 5.0])) < 0.05
-    turned = [
-        one * np.exp(1j * phase) for one, phase in zip(frames, [0, 2, 4, 0, 2, 4], strict=True)
-    ]
-    assert measured_coherence(turned, most=1).loss_db[0] > 10
-    with pytest.raises(ValueError, match="at least two frames"):
-        measured_coherence(frames[:1])

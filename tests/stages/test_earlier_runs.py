@@ -74,6 +74,7 @@ def test_what_stands_still_is_told_better_without_the_ground(drives):
     before, today = (one.assign(signal=one["signal"] + coupling) for one in drives)
     lane = ImagedRun(today, parse_recipe(recipe()), LANE, others={"before": before})
     engine_of(lane).run()
+
     def error(field):
         return np.linalg.norm(field[lane.setup.imaged] - coupling[lane.setup.imaged])
 

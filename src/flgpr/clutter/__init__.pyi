@@ -6,13 +6,11 @@ from flgpr.clutter.causal import CausalBackground as CausalBackground
 from flgpr.clutter.change import moved as moved
 from flgpr.clutter.change import offset_between as offset_between
 from flgpr.clutter.change import predicted as predicted
-from flgpr.clutter.coherence import Coherence as Coherence
 from flgpr.clutter.coherence import FrameStack as FrameStack
 from flgpr.clutter.coherence import accuracy_needed as accuracy_needed
 from flgpr.clutter.coherence import averaged_frames as averaged_frames
 from flgpr.clutter.coherence import coherent_loss_db as coherent_loss_db
 from flgpr.clutter.coherence import iterate_frames as iterate_frames
-from flgpr.clutter.coherence import measured_coherence as measured_coherence
 from flgpr.clutter.early import early_basis as early_basis
 from flgpr.clutter.early import subtract_early as subtract_early
 from flgpr.clutter.estimator import Background as Background

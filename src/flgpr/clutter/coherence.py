@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import maximum_filter
 from scipy.optimize import brentq
 
 from flgpr.clutter.iteration import Amplitude, Iterated, OperatorOn, averaged, iterate_suppression
 from flgpr.clutter.suppression import Operator
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.types import ArrayLike, ComplexArray, FloatArray, IntArray, floats
+from flgpr.types import ArrayLike, ComplexArray, FloatArray, floats
 
 
 class FrameStack:
@@ -173,58 +171,3 @@ def accuracy_needed(frequency: ArrayLike, loss_db: float = 1.0) -> float:
         return float(coherent_loss_db(sigma, tones)) - loss_db
 
     return float(brentq(excess_loss, 0.0, 1.001 * upper_bound))
-
-
-@dataclass(frozen=True)
-class Coherence:
-    """How well frames agree at strong pixels."""
-
-    #: (pixel,): magnitude of the sum under the sum of each frame's peaks, dB; strongest first
-    loss_db: FloatArray
-    #: (pixel, 2): row and column of each
-    at: IntArray
-
-
-def measured_coherence(
-    images: ArrayLike, reach: int = 2, apart: int = 10, most: int = 20
-) -> Coherence:
-    """Measure the loss of the coherent sum at its strongest pixels.
-
-    Pose errors are one cause; an object above the ground that is focused on it, or one that glints,
-    is another, so this is an upper bound of what poses cost.
-
-    Parameters
-    ----------
-    images : (frame, y, x) array_like of complex
-        Images of at least two frames on the same pixels.
-    reach : int
-        Pixels that a frame's peak may lie from one of the sum.
-    apart : int
-        Least distance of two peaks of the sum, pixels.
-    most : int
-        Largest number of peaks.
-
-    Returns
-    -------
-    Coherence
-        The loss at every peak.
-
-    Raises
-    ------
-    ValueError
-        If the images have another shape or there are fewer than two.
-    """
-    frames = np.asarray(images)
-    if frames.ndim != 3 or len(frames) < 2:
-        raise ValueError(
-            f"images must be (frame, y, x) with at least two frames, got {frames.shape}"
-        )
-    total = np.abs(frames.sum(axis=0))
-    peaks = [maximum_filter(np.abs(frame), size=2 * reach + 1) for frame in frames]
-    single = np.sum(peaks, axis=0)
-    is_peak = (total == maximum_filter(total, size=2 * apart + 1)) & (total > 0)
-    rows, columns = np.nonzero(is_peak)
-    order = np.argsort(-total[rows, columns], kind="stable")[:most]
-    at = np.column_stack([rows[order], columns[order]]).astype(np.int64)
-    loss = -20 * np.log10(total[at[:, 0], at[:, 1]] / single[at[:, 0], at[:, 1]])
-    return Coherence(loss, at)

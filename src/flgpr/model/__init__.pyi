@@ -1,5 +1,4 @@
 from flgpr.model.ambiguity import ImagePaths as ImagePaths
-from flgpr.model.ambiguity import alias_paths as alias_paths
 from flgpr.model.ambiguity import check_tones as check_tones
 from flgpr.model.ambiguity import clear_end as clear_end
 from flgpr.model.ambiguity import image_paths as image_paths

@@ -115,19 +115,6 @@ def _first_return(tones: FloatArray, usual: float) -> float:
     return float(path[high[0] + int(lobe.argmax())])
 
 
-def alias_paths(path: float, unambiguous: float, nearest: float, farthest: float) -> FloatArray:
-    """Return the rising paths (n,), m, at which an echo appears besides its own.
-
-    They lie from ``nearest`` to ``farthest``.
-    """
-    if not math.isfinite(unambiguous):
-        return np.empty(0)
-    first = math.ceil((nearest - path) / unambiguous)
-    last = math.floor((farthest - path) / unambiguous)
-    times = np.arange(first, last + 1)
-    return path + unambiguous * times[times != 0]
-
-
 def longest_path(tx: ArrayLike, rx: ArrayLike, x: Span, y: Span) -> float:
     """Return the longest path of any pair (pair, 3) by way of a rectangle of ground, m.
 
