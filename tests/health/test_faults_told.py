@@ -7,7 +7,8 @@ from faulty import FAULTS, PAIRS, TONES, WAYS, disturbed, make_drive, noise, wit
 from flgpr.health.findings import LIMITS
 from flgpr.health.of_run import health_of_run, radar_of, without
 from flgpr.health.streaming import LiveHealth
-from flgpr.model import Lane, complete_scans
+from flgpr.health.sums import HealthSums
+from flgpr.model import SPEED_OF_LIGHT, Lane, complete_scans
 
 
 @pytest.fixture(scope="module")
@@ -147,6 +148,17 @@ def test_pairs_in_each_others_place_are_told_and_not_taken_for_turned_ones(clean
     swapped, turned = health_of_run(with_fault(swapped, FAULTS["turned pairs"])).findings
     assert swapped.pairs == (3, 7)
     assert turned.pairs == (2, 6, 13)
+
+
+def test_tones_are_alike_while_an_echo_comes_near():
+    """Its delay turns the phase between neighbouring tones by more than half a turn."""
+    sums = HealthSums((2, 32, 60))
+    rng = np.random.default_rng(3)
+    tones = 442.5e6 + 7.5e6 * np.arange(60)
+    for path in np.linspace(24, 4, 24):
+        reflectivity = rng.normal(size=(2, 32, 1)) + 1j * rng.normal(size=(2, 32, 1))
+        sums.add(reflectivity * np.exp(-2j * np.pi * tones * path / SPEED_OF_LIGHT))
+    assert sums.tone_likeness.min() > 0.9
 
 
 def test_a_long_run_is_judged_by_stretches_of_it():

@@ -29,10 +29,12 @@ BURST_DB = 10.0
 
 
 _NEIGHBOURS_EVERY = 4  # scans between two whose neighbouring tones are compared
+_NEXT_SWEEPS = 64  # whose sum of noise is small beside that of echoes
 _MEDIAN_EVERY = 8  # tones between two medians of those around
 _SUMMED = (
     *("scans", "sweeps", "power", "standing", "not_finite", "stuck", "steps", "change_db"),
     *("changes", "excess_db", "bursts", "repeated", "pair_products", "next_tone"),
+    *("next_tones", "next_sweeps"),
     *("tone_power", "neighbour", "tone_sum", "delays", "clearness", "changed"),
 )
 """Attributes of the sums that a state holds; the quarters are those of a run that is known whole."""
@@ -84,7 +86,10 @@ class HealthSums:
         # of a pair's change with another's, on the lowest tones; each change of a pair weighs the same
         self.pair_products = np.zeros((*channels, pairs), np.complex128)
         between = max(tones - 1, 0)
-        self.next_tone = np.zeros(between, np.complex128)  # of a tone's change with the next
+        # of a tone's change with the next: magnitudes of sums over a few sweeps, and the sum so far
+        self.next_tones = np.zeros(between)
+        self.next_tone = np.zeros(between, np.complex128)
+        self.next_sweeps = 0
         self.tone_power = np.zeros(tones)  # of the change
         self.neighbour = np.zeros(between, np.complex128)  # of a tone with the next
         self.tone_sum = np.zeros(tones)  # of the power
@@ -178,7 +183,7 @@ class HealthSums:
         self.changes += 1
         if self.changes % 2:
             changed = change if both.all() else change[both][None]
-            self.next_tone += np.einsum("apf,apf->f", changed[..., 1:], changed[..., :-1].conj())
+            self._add_next_tones(changed)
             self.tone_power += change_power[both].sum(axis=0, dtype=np.float64)
         low = change[..., : max(8, change.shape[-1] // LOWEST_SHARE)] * both[..., None]
         amplitude = np.sqrt(_power(low).mean(axis=-1, keepdims=True))
@@ -186,6 +191,19 @@ class HealthSums:
         self.pair_products += low @ low.conj().swapaxes(-1, -2)
         level = float(channel_power[both].mean())
         return False, 10 * np.log10(total / max(level, LEAST_POWER))
+
+    def _add_next_tones(self, changed: ComplexArray) -> None:
+        """Add how alike the changes of neighbouring tones are.
+
+        The phase between them is that of the echoes' delay, which changes as an echo comes near:
+        sweeps of few scans are added with their phase, and these sums by their magnitude.
+        """
+        self.next_tone += np.einsum("apf,apf->f", changed[..., 1:], changed[..., :-1].conj())
+        self.next_sweeps += changed.shape[0] * changed.shape[1]
+        if self.next_sweeps >= _NEXT_SWEEPS:
+            self.next_tones += np.abs(self.next_tone)
+            self.next_tone = np.zeros_like(self.next_tone)
+            self.next_sweeps = 0
 
     def gap(self) -> None:
         """Let the next scan not be compared with the one before: scans in between are left out."""
@@ -234,7 +252,8 @@ class HealthSums:
     def tone_likeness(self) -> FloatArray:
         """How alike the changes of a tone and of the next are (frequency - 1,), 0 to 1."""
         power = np.sqrt(self.tone_power[1:] * self.tone_power[:-1])
-        return np.asarray(np.abs(self.next_tone) / np.maximum(power, LEAST_POWER))
+        alike = self.next_tones + np.abs(self.next_tone)
+        return np.asarray(alike / np.maximum(power, LEAST_POWER))
 
     @property
     def pair_likeness(self) -> FloatArray:
