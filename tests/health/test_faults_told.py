@@ -191,7 +191,11 @@ def findings_live(run, lane=None, lost=True):
 
 
 @pytest.mark.parametrize(
-    "name", ["dead polarization", "swapped pairs", "turned pairs", "jitter", "heading", "lag"]
+    "name",
+    [
+        *("dead polarization", "stuck pairs", "swapped pairs", "turned pairs", "jitter"),
+        *("heading", "lag"),
+    ],
 )
 def test_the_geometry_is_judged_while_driving_too(longer, name):
     assert told_live(longer) == []

@@ -52,6 +52,11 @@ _LOOKED_AT = 4  # consecutive scans of a look, with the poses of those before an
 _LEAST_LOOKED_AT = 3  # of these, which are of use
 
 
+_LATER = {
+    *("dead polarization", "stuck pairs", "swapped pairs", "turned pairs", "noisy tones"),
+    *("noise", "jitter"),
+}
+"""What is judged by the sums of many scans; the rest is told of every scan."""
 _STATE = {
     "absent",
     "quiet",
@@ -299,16 +304,8 @@ class LiveHealth:
         if count >= self._judged_from:  # the scan due for it may have been of no use
             while self._judged_from <= count:
                 self._judged_from *= 2
-            later = (
-                "dead polarization",
-                "swapped pairs",
-                "turned pairs",
-                "noisy tones",
-                "noise",
-                "jitter",
-            )
-            judged = judge_sums(self.sums, self._radar)
-            found += self._tell_all([self._act(one) for one in judged if one.name in later])
+            found_later = [one for one in judge_sums(self.sums, self._radar) if one.name in _LATER]
+            found += self._tell_all([self._act(one) for one in found_later])
         if len(self._places) >= _FIRST_JUDGED:
             found += self._tell_all(judge_course(np.array(self._places), self.lane))
         return found + self._tell_all(self.looks.look(self.sums))
