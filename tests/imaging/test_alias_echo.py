@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from aliases import alias_paths
 from flgpr.imaging import ImagingOperator
-from flgpr.model import Grid, Sensor, alias_paths, load_sensor, unambiguous_path
+from flgpr.model import Grid, Sensor, load_sensor, unambiguous_path
 from flgpr.simulate import Scene, Simulator
 
 HEIGHT = 3.5

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from aliases import alias_paths
 from flgpr.model import (
     SPEED_OF_LIGHT,
     Sensor,
@@ -19,19 +20,6 @@ from flgpr.model.ambiguity import longest_path, shortest_path
 
 EVEN = 300e6 + 2.5e6 * np.arange(641)
 ANTENNAS = np.array([[-1.0, 0.0, 3.5], [0.0, 0.0, 3.5], [1.5, 0.0, 3.0]])
-
-
-def alias_paths(path, unambiguous, nearest, farthest):
-    """Return the rising paths (n,), m, at which an echo appears besides its own.
-
-    They lie from ``nearest`` to ``farthest``.
-    """
-    if not math.isfinite(unambiguous):
-        return np.empty(0)
-    first = math.ceil((nearest - path) / unambiguous)
-    last = math.floor((farthest - path) / unambiguous)
-    times = np.arange(first, last + 1)
-    return path + unambiguous * times[times != 0]
 
 
 def response(tones, path):

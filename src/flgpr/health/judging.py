@@ -35,7 +35,9 @@ _LEAST_USUAL = 0.5  # likeness of neighbouring tones under which they say nothin
 _LEAST_PAIRS = 4  # of fewer, the level of one says little of another's
 _MOST_HOT = 0.25  # of the pairs
 _SILENT_DB = 300.0  # under the median pair, stands for no power at all
+_MEDIAN_OF_NORMAL = 0.6745  # of the magnitude of a normal value, over its standard deviation
 _IN_PLACE = 0.6  # of the median likeness of neighbours, that of pairs in their right places
+_OUT_OF_PLACE = 0.7  # that of pairs in wrong ones, at most
 _ALIKE = 5  # pairs whose antennas are as far apart, the nearest
 
 
@@ -356,11 +358,16 @@ def _tones(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
 
 
 def jitter_ps(sums: HealthSums, radar: Radar) -> float:
-    """Return how far time zero jumps from scan to scan, ps; NaN where nothing strong stands still."""
+    """Return how far time zero jumps from scan to scan, ps; NaN where nothing strong stands still.
+
+    It is taken from how delays differ from one step to the next, in the median: a strong echo that
+    comes near turns them slowly.
+    """
     if len(sums.delays) < LEAST_SCANS - 1 or np.median(sums.clearness) < CLEAR:
         return np.nan
     step = float(np.median(np.diff(radar.frequency)))
-    return float(np.std(sums.delays)) / (2 * np.pi * step) * 1e12 / np.sqrt(2)
+    change = np.median(np.abs(np.diff(sums.delays))) / _MEDIAN_OF_NORMAL / np.sqrt(6)
+    return float(change) / (2 * np.pi * step) * 1e12
 
 
 class Neighbours:
@@ -411,21 +418,27 @@ class Neighbours:
         self.turned = _turned(links < -strength / 2, beside)
 
     def _exchanged(self, likeness: FloatArray, beside: BoolArray) -> IndexArray:
-        """Return the pairs in the order in which neighbours are alike, and keep what was exchanged."""
+        """Return the pairs in the order in which neighbours are alike, and keep what was exchanged.
+
+        Pairs of one transmitter are tried: those of others are alike by their receiver.
+        """
         np.fill_diagonal(likeness, 0)
         adjacent = np.diag(beside.astype(float), 1)
         adjacent += adjacent.T
         links = adjacent.sum(axis=0)
         together = links[:, None] + links
+        row = np.concatenate([[0], np.cumsum(~beside)])
         order = np.arange(len(likeness))
         for _ in range(len(order) // 4):
             now = likeness[np.ix_(order, order)]
             placed = now @ adjacent  # of a pair in the place of another
             as_stated = np.diag(placed)
             after = placed + placed.T + 2 * now * adjacent  # neighbours stay beside each other
+            before = as_stated[:, None] + as_stated
+            fits = (before < _OUT_OF_PLACE * together) & (after > _IN_PLACE * together)
             with np.errstate(invalid="ignore", divide="ignore"):
-                gain = (after - as_stated[:, None] - as_stated) / together
-                gain[~(after > _IN_PLACE * together)] = 0
+                gain = (after - before) / together
+                gain[~(fits & (row[:, None] == row))] = 0
             best = np.unravel_index(np.argmax(gain), gain.shape)
             self.gain = max(self.gain, float(gain[best]))
             if not gain[best] > LIMITS["swapped pairs"].most:

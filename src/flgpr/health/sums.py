@@ -29,15 +29,16 @@ BURST_DB = 10.0
 
 
 _NEIGHBOURS_EVERY = 4  # scans between two whose neighbouring tones are compared
-_NEXT_SWEEPS = 64  # whose sum of noise is small beside that of echoes
+_SWEEPS_TOGETHER = 64  # whose sum of noise is small beside that of echoes
 _MEDIAN_EVERY = 8  # tones between two medians of those around
 _SUMMED = (
     *("scans", "sweeps", "power", "standing", "not_finite", "stuck", "steps", "change_db"),
-    *("changes", "excess_db", "bursts", "repeated", "pair_products", "next_tone"),
-    *("next_tones", "next_sweeps"),
-    *("tone_power", "neighbour", "tone_sum", "delays", "clearness", "changed"),
+    *("changes", "excess_db", "bursts", "repeated", "pair_products", "tone_power", "tone_sum"),
+    *("delays", "clearness", "changed"),
 )
 """Attributes of the sums that a state holds; the quarters are those of a run that is known whole."""
+_BESIDE = ("next_changes", "next_tones")
+"""Those that are sums of neighbouring tones."""
 
 
 class ScanFigures(NamedTuple):
@@ -48,6 +49,34 @@ class ScanFigures(NamedTuple):
     excess_db: FloatArray  #: (frequency,) power of a tone over that of the tones around it
     repeated: bool  #: whether it holds the same numbers as the scan before
     change_db: float  #: power of its change from the scan before, over that of the scan
+
+
+class TonesBeside:
+    """How alike every tone and the next are, of sweeps that are added.
+
+    The phase between them is that of the echoes' delay, which changes as an echo comes near: sweeps
+    of few scans are added with their phase, and these sums by their magnitude.
+    """
+
+    def __init__(self, tones: int) -> None:
+        between = max(tones - 1, 0)
+        self.magnitude = np.zeros(between)
+        self.product = np.zeros(between, np.complex128)  # of the latest sweeps
+        self.sweeps = 0  # that it is of
+
+    def add(self, sweeps: ComplexArray) -> None:
+        """Add sweeps (polarization, pair, frequency)."""
+        self.product += np.einsum("apf,apf->f", sweeps[..., 1:], sweeps[..., :-1].conj())
+        self.sweeps += sweeps.shape[0] * sweeps.shape[1]
+        if self.sweeps >= _SWEEPS_TOGETHER:
+            self.magnitude += np.abs(self.product)
+            self.product = np.zeros_like(self.product)
+            self.sweeps = 0
+
+    def likeness(self, power: FloatArray) -> FloatArray:
+        """Return it over the power (frequency,) of all sweeps, 0 to 1 (frequency - 1,)."""
+        both = np.sqrt(power[1:] * power[:-1])
+        return np.asarray((self.magnitude + np.abs(self.product)) / np.maximum(both, LEAST_POWER))
 
 
 class HealthSums:
@@ -85,13 +114,9 @@ class HealthSums:
         self.repeated = 0  # scans that hold the numbers of the scan before
         # of a pair's change with another's, on the lowest tones; each change of a pair weighs the same
         self.pair_products = np.zeros((*channels, pairs), np.complex128)
-        between = max(tones - 1, 0)
-        # of a tone's change with the next: magnitudes of sums over a few sweeps, and the sum so far
-        self.next_tones = np.zeros(between)
-        self.next_tone = np.zeros(between, np.complex128)
-        self.next_sweeps = 0
-        self.tone_power = np.zeros(tones)  # of the change
-        self.neighbour = np.zeros(between, np.complex128)  # of a tone with the next
+        self.next_changes = TonesBeside(tones)  # of the changes from scan to scan
+        self.tone_power = np.zeros(tones)  # of these
+        self.next_tones = TonesBeside(tones)
         self.tone_sum = np.zeros(tones)  # of the power
         # of every scan from the one before, the latest: delay as phase per tone, rad, how clear it
         # is (1 where all tones agree), and power of the change over that of the scan, dB
@@ -135,7 +160,7 @@ class HealthSums:
 
     def _add_neighbours(self, signal: ComplexArray, power: NDArray[np.floating]) -> None:
         """Add how alike neighbouring tones are: echoes of a scene are, noise is not."""
-        self.neighbour += np.einsum("apf,apf->f", signal[..., 1:], signal[..., :-1].conj())
+        self.next_tones.add(signal)
         self.tone_sum += power.sum(axis=(0, 1), dtype=np.float64)
 
     def _add_delay(
@@ -183,7 +208,7 @@ class HealthSums:
         self.changes += 1
         if self.changes % 2:
             changed = change if both.all() else change[both][None]
-            self._add_next_tones(changed)
+            self.next_changes.add(changed)
             self.tone_power += change_power[both].sum(axis=0, dtype=np.float64)
         low = change[..., : max(8, change.shape[-1] // LOWEST_SHARE)] * both[..., None]
         amplitude = np.sqrt(_power(low).mean(axis=-1, keepdims=True))
@@ -192,19 +217,6 @@ class HealthSums:
         level = float(channel_power[both].mean())
         return False, 10 * np.log10(total / max(level, LEAST_POWER))
 
-    def _add_next_tones(self, changed: ComplexArray) -> None:
-        """Add how alike the changes of neighbouring tones are.
-
-        The phase between them is that of the echoes' delay, which changes as an echo comes near:
-        sweeps of few scans are added with their phase, and these sums by their magnitude.
-        """
-        self.next_tone += np.einsum("apf,apf->f", changed[..., 1:], changed[..., :-1].conj())
-        self.next_sweeps += changed.shape[0] * changed.shape[1]
-        if self.next_sweeps >= _NEXT_SWEEPS:
-            self.next_tones += np.abs(self.next_tone)
-            self.next_tone = np.zeros_like(self.next_tone)
-            self.next_sweeps = 0
-
     def gap(self) -> None:
         """Let the next scan not be compared with the one before: scans in between are left out."""
         self._before = None
@@ -212,6 +224,11 @@ class HealthSums:
     def state(self) -> dict[str, NDArray[Any]]:
         """Return the state as arrays, copies, for a later :meth:`restore`."""
         arrays = {name: np.asarray(getattr(self, name)).copy() for name in _SUMMED}
+        for name in _BESIDE:
+            arrays |= {
+                f"{name}.{part}": np.array(value)
+                for part, value in vars(getattr(self, name)).items()
+            }
         if self._before is not None:
             before, finite = self._before
             arrays |= {"before": before.copy(), "before_finite": finite.copy()}
@@ -227,6 +244,13 @@ class HealthSums:
             elif kind is deque:
                 value = deque(value.tolist(), maxlen=REMEMBERED)
             setattr(self, name, value)
+        for name in _BESIDE:
+            beside = TonesBeside(self.shape[2])
+            if f"{name}.sweeps" in arrays:
+                beside.magnitude = arrays[f"{name}.magnitude"]
+                beside.product = arrays[f"{name}.product"]
+                beside.sweeps = int(arrays[f"{name}.sweeps"])
+            setattr(self, name, beside)
         self._before = None
         if "before" in arrays:
             self._before = arrays["before"], arrays["before_finite"]
@@ -244,16 +268,14 @@ class HealthSums:
     @property
     def likeness(self) -> float:
         """How alike a tone and the next are, 0 to 1, the median of the tones."""
-        power = np.sqrt(self.tone_sum[1:] * self.tone_sum[:-1])
-        alike = np.abs(self.neighbour)[power > 0] / power[power > 0]
+        known = self.tone_sum[1:] * self.tone_sum[:-1] > 0
+        alike = self.next_tones.likeness(self.tone_sum)[known]
         return float(np.median(alike)) if alike.size else 1.0
 
     @property
     def tone_likeness(self) -> FloatArray:
         """How alike the changes of a tone and of the next are (frequency - 1,), 0 to 1."""
-        power = np.sqrt(self.tone_power[1:] * self.tone_power[:-1])
-        alike = self.next_tones + np.abs(self.next_tone)
-        return np.asarray(alike / np.maximum(power, LEAST_POWER))
+        return self.next_changes.likeness(self.tone_power)
 
     @property
     def pair_likeness(self) -> FloatArray:
