@@ -64,6 +64,15 @@ def test_tones_at_random_places_and_a_single_tone_repeat_nowhere():
     assert unambiguous_path([1e9]) == math.inf
 
 
+def test_an_alias_lies_whole_repetitions_before_or_behind_its_echo():
+    np.testing.assert_allclose(alias_paths(7.0, 37.5, 17.0, 48.0), [44.5])
+    np.testing.assert_allclose(alias_paths(7.0, 37.5, 0.0, 90.0), [44.5, 82.0])
+    np.testing.assert_allclose(alias_paths(85.0, 60.0, 25.0, 37.0), [25.0])
+    assert alias_paths(7.0, 50.0, 17.0, 48.0).size == 0
+    assert alias_paths(20.0, 50.0, 17.0, 48.0).size == 0
+    assert alias_paths(7.0, math.inf, 0.0, 90.0).size == 0
+
+
 def test_no_path_by_way_of_the_image_is_outside_its_bounds():
     x = (-2.0, 3.0)
     y = (6.5, 24.5)

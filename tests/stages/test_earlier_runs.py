@@ -114,12 +114,13 @@ def test_ranking_by_contrast_instead_subtracts_earlier_drives_too(drives):
 
 def test_tracks_that_are_off_are_moved_onto_each_other(drives):
     before, _ = drives
-    today = drive(2, TARGETS, offset=0.15)
-    found = detect(today, parse_recipe(recipe()), LANE, others={"before": before})
-    new = [strongest_near(found, target + [0.15, 0]) for target in TARGETS[1:]]
-    assert min(new) == 1
-    assert max(new) <= 5
-    assert found.notes["earlier_offset"] == pytest.approx(0.15, abs=0.06)
+    worst = []
+    for seed in (2, 3, 5):
+        today = drive(seed, TARGETS, offset=0.15)
+        found = detect(today, parse_recipe(recipe()), LANE, others={"before": before})
+        worst.append(max(strongest_near(found, target + [0.15, 0]) for target in TARGETS[1:]))
+        assert found.notes["earlier_offset"] == pytest.approx(0.15, abs=0.06)
+    assert np.median(worst) <= 3
 
 
 def test_detect_takes_earlier_runs_by_one_option_and_says_how_they_fit(drives, tmp_path):
