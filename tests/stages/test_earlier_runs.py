@@ -79,10 +79,10 @@ def test_what_stands_still_is_told_better_without_the_ground(drives):
         return np.linalg.norm(field[lane.setup.imaged] - coupling[lane.setup.imaged])
 
     today_before, today_after, then = (
-        lane.results[f"earlier.{name}"] for name in ("standing", "refined", "then")
+        lane.results[f"earlier.{name}"] for name in ("standing", "refined", "then.before")
     )
     assert error(today_after["field"]) < 0.92 * error(today_before["field"])
-    assert error(then["before"]) < 0.92 * error(standing_field(before["signal"].values))
+    assert error(then["field"]) < 0.92 * error(standing_field(before["signal"].values))
 
 
 def test_every_thread_has_the_days_of_the_scan_that_it_cleaned(drives):

@@ -360,13 +360,13 @@ def _tones(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
 def jitter_ps(sums: HealthSums, radar: Radar) -> float:
     """Return how far time zero jumps from scan to scan, ps; NaN where nothing strong stands still.
 
-    It is taken from how delays differ from one step to the next, in the median: a strong echo that
-    comes near turns them slowly.
+    It is taken from how delays change from scan to scan, in the median: a strong echo that comes
+    near turns them slowly.
     """
     if len(sums.delays) < LEAST_SCANS - 1 or np.median(sums.clearness) < CLEAR:
         return np.nan
     step = float(np.median(np.diff(radar.frequency)))
-    change = np.median(np.abs(np.diff(sums.delays))) / _MEDIAN_OF_NORMAL / np.sqrt(6)
+    change = np.median(np.abs(np.diff(sums.delays))) / _MEDIAN_OF_NORMAL / np.sqrt(2)
     return float(change) / (2 * np.pi * step) * 1e12
 
 

@@ -30,11 +30,12 @@ BURST_DB = 10.0
 
 _NEIGHBOURS_EVERY = 4  # scans between two whose neighbouring tones are compared
 _SWEEPS_TOGETHER = 64  # whose sum of noise is small beside that of echoes
+_IN_MEAN = 16  # scans in the mean that a scan's delay is taken from
 _MEDIAN_EVERY = 8  # tones between two medians of those around
 _SUMMED = (
     *("scans", "sweeps", "power", "standing", "not_finite", "stuck", "steps", "change_db"),
     *("changes", "excess_db", "bursts", "repeated", "pair_products", "tone_power", "tone_sum"),
-    *("delays", "clearness", "changed"),
+    *("delays", "clearness", "changed", "latest_mean"),
 )
 """Attributes of the sums that a state holds; the quarters are those of a run that is known whole."""
 _BESIDE = ("next_changes", "next_tones")
@@ -118,11 +119,13 @@ class HealthSums:
         self.tone_power = np.zeros(tones)  # of these
         self.next_tones = TonesBeside(tones)
         self.tone_sum = np.zeros(tones)  # of the power
-        # of every scan from the one before, the latest: delay as phase per tone, rad, how clear it
-        # is (1 where all tones agree), and power of the change over that of the scan, dB
+        # of every scan, the latest: delay over that of scans before, as phase per tone, rad, how clear
+        # it is (1 where all tones agree), and power of the change over that of the scan, dB
         self.delays = deque[float](maxlen=REMEMBERED)
         self.clearness = deque[float](maxlen=REMEMBERED)
         self.changed = deque[float](maxlen=REMEMBERED)
+        # of every second pair, the mean of the latest scans: echoes that come near average out of it
+        self.latest_mean = np.zeros((channels[0], -(-channels[1] // 2), tones), np.complex64)
         self._before: tuple[ComplexArray, BoolArray] | None = None  # a scan, and what is finite
 
     def add(self, signal: ComplexArray) -> ScanFigures:
@@ -144,6 +147,8 @@ class HealthSums:
         excess = over_neighbours(_tone_levels(power, finite))
         self.excess_db += excess
         repeated, change_db = self._add_change(signal, finite, channel_power)
+        count = min(self.scans + 1, _IN_MEAN)
+        self.latest_mean += (whole[:, ::2] - self.latest_mean) * np.float32(1 / count)
         self.bursts += excess > BURST_DB
         self.changed.append(change_db)
         self.scans += 1
@@ -163,18 +168,15 @@ class HealthSums:
         self.next_tones.add(signal)
         self.tone_sum += power.sum(axis=(0, 1), dtype=np.float64)
 
-    def _add_delay(
-        self, signal: ComplexArray, before: ComplexArray, channel_power: FloatArray
-    ) -> None:
-        """Add how much later a scan is than the one before, as phase per tone, and how clearly.
+    def _add_delay(self, signal: ComplexArray, channel_power: FloatArray) -> None:
+        """Add how much later a scan is than those before, as phase per tone, and how clearly.
 
-        What stands still has the same phase in both, but for the delay. Every second pair is
-        asked, and weighs the same, so that none decides alone.
+        What stands still has the same phase in all, but for the delay. Every second pair is asked,
+        and weighs the same, so that none decides alone.
         """
         weight = (1 / np.maximum(channel_power, LEAST_POWER)).astype(np.float32)
-        some = slice(0, None, 2)
-        turned = before[:, some].conj() * weight[:, some, None]
-        across = np.einsum("apf,apf->f", signal[:, some], turned)
+        turned = self.latest_mean.conj() * weight[:, ::2, None]
+        across = np.einsum("apf,apf->f", signal[:, ::2], turned)
         product = np.vdot(across[:-1], across[1:])
         power = float(np.vdot(across, across).real)
         self.delays.append(float(np.angle(product)))
@@ -203,7 +205,7 @@ class HealthSums:
         if not total:
             self.repeated += 1
             return True, -np.inf
-        self._add_delay(signal, before, channel_power)
+        self._add_delay(signal, channel_power)
         self.change_db += _tone_levels(change_power, both)
         self.changes += 1
         if self.changes % 2:

@@ -9,14 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import xarray as xr
 
 from flgpr.clutter import subtract_standing
 from flgpr.clutter.causal import LEAST_WARM_UP
 from flgpr.stages.earlier import EarlierRuns
+from flgpr.stages.earlier_ground import explained
 from flgpr.types import Arrays, ComplexArray, FloatArray
-
-_AXES = ("polarization", "subband", "y", "x")
 
 
 class EarlierDrives:
@@ -51,6 +49,8 @@ class EarlierDrives:
         self.scans = 0  #: scans whose images were cleaned
         self.alone = 0  #: those of them that no earlier scan lies near
         self.is_alone = False  #: whether the last one is such
+        #: (polarization, pair, frequency) of the ground in the scan whose image was cleaned last
+        self._echo: ComplexArray | None = None
 
     @property
     def is_ready(self) -> bool:
@@ -62,10 +62,15 @@ class EarlierDrives:
 
         The ground that earlier drives predict is taken out first: of few scans it is a large part.
         """
-        if self.stage.settings.iterations:
-            imaged = self.stage.setup.imaged
+        imaged = self.stage.setup.imaged
+        ground = None
+        if self._echo is not None:
+            ground = explained(self.clean(signal)[imaged], self._echo)
+        elif self.stage.settings.iterations:
+            ground = self.stage.ground_in(self.clean(signal)[imaged], pose)
+        if ground is not None:
             signal = signal.copy()
-            signal[imaged] -= self.stage.ground_in(self.clean(signal)[imaged], pose)
+            signal[imaged] -= ground
         self._learnt += 1
         weight = 1 / min(self._learnt, self._span or self._learnt)
         self._mean = self._mean + weight * (signal - self._mean)
@@ -85,10 +90,12 @@ class EarlierDrives:
             The scan's pose.
         """
         part = image[:, self._subbands, : self._rows]
+        self._echo = None
         if not self.is_ready:
             return part
-        labelled = xr.DataArray(image, dims=_AXES, attrs={"pose": pose})
-        left: ComplexArray = self.stage.of_part(labelled, self._subbands, self._rows).values
+        prediction = self.stage.predict(image, pose, self._subbands, self._rows)
+        left: ComplexArray = part - prediction.image.reshape(part.shape)
+        self._echo = prediction.echo
         self.scans += 1
         self.is_alone = self.stage.is_alone(pose)
         self.alone += self.is_alone

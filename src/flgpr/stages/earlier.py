@@ -1,37 +1,40 @@
 """Images freed from what earlier drives over the same road have seen.
 
-An earlier scan was taken a little before or behind today's, and the array sees the ground from
-there in another way: side lobes and grating lobes lie elsewhere. So its data are not imaged for
-today's place. The ground's reflectivity is fitted to them by the forward model A, on ground wide
-enough to hold what the array sees beside the image, and A of today's array says what today's scan
-would see of it.
+What an earlier scan says of today's image is modelled from the ground that is fitted to its data
+(``earlier_ground.py``), and predicts the image by :mod:`flgpr.clutter.change`.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cached_property, partial
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import xarray as xr
 from pydantic import Field
 
-from flgpr.clutter import (
-    fit_by_model,
-    offset_between,
-    predicted,
-    standing_field,
-    subtract_standing,
-)
-from flgpr.engine import Accumulator, PlannedPass, append_accumulator, concatenate
+from flgpr.clutter import predicted, subtract_standing
+from flgpr.engine import Accumulator, PlannedPass, append_accumulator
 from flgpr.imaging import ScanImager
 from flgpr.jit.threads import blas_on_one_thread
-from flgpr.model import SPEED_OF_LIGHT, Grid, lane_to_scan, scan_to_lane
+from flgpr.model import Grid
 from flgpr.stages import ClutterStage, Positive, Table
+from flgpr.stages.earlier_ground import (
+    EarlierDrive,
+    FittedGround,
+    GroundModel,
+    ImagedLook,
+    Look,
+    ModelledLook,
+    as_channels,
+    explained,
+    moved_onto,
+)
 from flgpr.stages.standing import StandingSettings, spread_scans, standing_pass
-from flgpr.types import AnyArray, Arrays, ComplexArray, FloatArray, floats
+from flgpr.types import Arrays, ComplexArray, FloatArray, floats
 
 BEFORE = "before"
 """Name of an earlier run in ``others``; of several runs each has it with a number, ``before-2``."""
@@ -53,13 +56,10 @@ _THEN = "earlier.then"
 _MATCH = "earlier.match"
 _MOST = StandingSettings().most
 _REFINING = 32  # scans, spread over the run, whose ground is taken out before their median is taken
-_PARTS = 8  # of the band, in each of which what a model says of a scan has a gain of its own
-_SPACING = 0.4  # of fitted ground, wavelengths of the highest tone
+_LEAST_THEN = (
+    3  # of an earlier drive's scans, of whose median the vehicle is a larger part than the ground
+)
 _KEPT = 256e6  # bytes of fitted ground, and of predictions, that are kept from pass to pass
-
-
-Look = Callable[[FloatArray], ComplexArray]
-"""Gives what an earlier scan says of an image (channel, y, x), for ground moved by an offset (3,), m."""
 
 
 class EarlierSettings(Table):
@@ -77,6 +77,21 @@ class EarlierSettings(Table):
     margin: Positive | None = None
 
 
+@dataclass(frozen=True)
+class Prediction:
+    """What earlier drives say of a scan's image."""
+
+    image: (
+        ComplexArray  #: (channel, y, x) what they predict of the part that is wanted; 0 without any
+    )
+    nearest: (
+        ComplexArray  #: (channel, y, x) what the nearest scan says of all of it; NaN without one
+    )
+    offsets: list[FloatArray]  #: (3,) of each scan, by which it was moved, m
+    #: (polarization, pair, frequency) of the ground fitted to the nearest one; None without
+    echo: ComplexArray | None
+
+
 class EarlierRuns(ClutterStage):
     """Subtracts from every image what images of earlier drives predict (:mod:`flgpr.clutter.change`).
 
@@ -88,21 +103,28 @@ class EarlierRuns(ClutterStage):
 
     def __init__(self, settings: Any, setup: Any, learnt: Arrays | None = None) -> None:
         super().__init__(settings, setup, learnt)
-        self._of_thread = threading.local()  # blocks of scans go to several threads
-        self._fitted: dict[tuple[str, int, bool], ComplexArray] = {}
-        self._predictions: dict[tuple[int, int], tuple[ComplexArray, ComplexArray]] = {}
-        self._predicted_bytes = 0
-        self._fitting = threading.Lock()
-        self._imagers = {
+        imagers = {
             name: self._imager(name, run)
             for name, run in setup.others.items()
             if name.partition("-")[0] == BEFORE
         }
-        if not self._imagers:
+        if not imagers:
             raise ValueError(
                 "`before` must give an earlier run of the road for the stage earlier of the recipe, "
                 "got none"
             )
+        own = setup.imager
+        margin = settings.margin
+        if margin is None:
+            heights = [imager.run["pose"].values[:, 2] for imager in imagers.values()]
+            margin = max(float(np.nanmedian(np.concatenate(heights))), own.grid.dx)
+        self._model = GroundModel(own.grid, margin, own.subbands, settings.iterations)
+        self._drives = {name: EarlierDrive(imager) for name, imager in imagers.items()}
+        self._of_thread = threading.local()  # blocks of scans go to several threads
+        self._fitted = FittedGround(_KEPT)
+        self._predictions: dict[tuple[int, int], Prediction] = {}
+        self._predicted_bytes = 0
+        self._predicting = threading.Lock()
 
     def _imager(self, name: str, run: xr.Dataset) -> ScanImager:
         """Return the imager of a run on this run's pixels."""
@@ -144,17 +166,17 @@ class EarlierRuns(ClutterStage):
         if not self.settings.iterations:
             return [own, match]
         refined = standing_pass(_REFINED, scans, _REFINING, self._without_earlier_ground)
-        then = PlannedPass(_THEN, "standing fields of earlier drives", self._then, all_scans=True)
-        return [own, refined, then, match]
-
-    @cached_property
-    def _medians_then(self) -> dict[str, ComplexArray]:
-        """The median over each earlier drive, which is about what stood still on the vehicle."""
-        fields = {}
-        for name, imager in self._imagers.items():
-            chosen = imager.scans[spread_scans(len(imager), _MOST)]
-            fields[name] = standing_field(np.stack([imager.signal(int(scan)) for scan in chosen]))
-        return fields
+        then = [
+            standing_pass(
+                f"{_THEN}.{name}",
+                scans,
+                _REFINING,
+                partial(self._without_ground_of_today, name),
+                least=_LEAST_THEN,
+            )
+            for name in self._drives
+        ]
+        return [own, refined, *then, match]
 
     def clean(self, index: int, data: ComplexArray) -> ComplexArray:  # noqa: ARG002
         """Return the data without what stands still on the vehicle."""
@@ -166,10 +188,26 @@ class EarlierRuns(ClutterStage):
         data = self.before(index, 1)[0].copy()
         imaged = self.setup.imaged
         cleaned = self.clean(index, data)[imaged]
-        data[imaged] -= self.ground_in(cleaned, self.setup.pose(index))
+        ground = self.ground_in(cleaned, self.setup.pose(index))
+        if ground is not None:
+            data[imaged] -= ground
         return data
 
-    def ground_in(self, cleaned: ComplexArray, pose: FloatArray) -> ComplexArray:
+    def _without_ground_of_today(self, name: str, index: int) -> ComplexArray | None:
+        """Return the data of the earlier scan nearest to a scan, less what this one says of them.
+
+        There are none where no earlier scan lies near.
+        """
+        drive, pose = self._drives[name], self.setup.pose(index)
+        for scan in self._nearest(drive, pose)[:1]:
+            data = self.data(index, 1)[0][self.setup.imaged]
+            fit = partial(self._model.fit, self.setup.imager, pose, data)
+            today = self._fitted.of(index, fit)
+            then, cleaned = drive.pose(scan), self._cleaned(name, scan)
+            return drive.imager.signal(scan) - self._seen(drive.imager, then, cleaned, today, pose)
+        return None
+
+    def ground_in(self, cleaned: ComplexArray, pose: FloatArray) -> ComplexArray | None:
         """Return what the nearest scan of the earlier drives says of the ground in a scan's data.
 
         Parameters
@@ -181,15 +219,14 @@ class EarlierRuns(ClutterStage):
 
         Returns
         -------
-        (polarization, pair, frequency) ndarray of complex
-            What the ground adds; 0 where no earlier scan lies near.
+        (polarization, pair, frequency) ndarray of complex or None
+            What the ground adds; None where no earlier scan lies near.
         """
-        for name, imager in self._imagers.items():
-            for scan in self._nearest(imager, pose)[:1]:
-                then = floats(imager.run["pose"].values[scan])
+        for name, drive in self._drives.items():
+            for scan in self._nearest(drive, pose)[:1]:
                 fitted = self._reflectivity(name, scan)
-                return self._seen(self.setup.imager, pose, cleaned, fitted, then)
-        return np.zeros_like(cleaned)
+                return self._seen(self.setup.imager, pose, cleaned, fitted, drive.pose(scan))
+        return None
 
     def _seen(
         self,
@@ -199,77 +236,11 @@ class EarlierRuns(ClutterStage):
         fitted: ComplexArray,
         then: FloatArray,
     ) -> ComplexArray:
-        """Return the part of a scan's data that ground fitted to a scan of another drive explains.
-
-        Both drives are moved onto each other. In each part of the band the echo has the gain that
-        fits, for gain and phase drift from day to day.
-        """
+        """Return the part of a scan's data that ground fitted to a scan of another drive explains."""
         operator = imager.operator_at(pose, imager.grid.points(), imager.subbands, imager.window)
-        echo = partial(self._echo, imager, pose, fitted, then)
-        image = _channels(operator.adjoint(cleaned))
-        offset = self._on(image, lambda moved: _channels(operator.adjoint(echo(moved))))[1]
-        left = [
-            subtract_standing(data, of_part)
-            for data, of_part in zip(
-                np.array_split(cleaned, _PARTS, axis=-1),
-                np.array_split(echo(offset), _PARTS, axis=-1),
-                strict=True,
-            )
-        ]
-        return cleaned - np.concatenate(left, axis=-1)
-
-    def _echo(
-        self,
-        imager: ScanImager,
-        pose: FloatArray,
-        fitted: ComplexArray,
-        then: FloatArray,
-        offset: FloatArray,
-    ) -> ComplexArray:
-        """Return what a scan at a pose receives from ground fitted to a scan at another one.
-
-        The ground is moved by an offset (3,), m.
-        """
-        ground = lane_to_scan(scan_to_lane(self._ground.points(), then), pose) + offset
-        return imager.operator_at(pose, ground, self._whole_band).forward(fitted)
-
-    def _then(self, block: range | None) -> Accumulator:  # noqa: ARG002
-        """Return what gathers the fields of earlier drives, on scans spread over the run."""
-        own = self.setup.imager
-        chosen = set(spread_scans(len(own), _REFINING).tolist())
-        pieces: dict[str, list[Arrays]] = {name: [] for name in self._imagers}
-
-        def add(index: int) -> None:
-            if index not in chosen:
-                return
-            pose = self.setup.pose(index)
-            near = {name: self._nearest(imager, pose)[:1] for name, imager in self._imagers.items()}
-            if not any(near.values()):
-                return
-            fitted = self._fit(own, pose, self.data(index, 1)[0][self.setup.imaged])
-            for name, scans in near.items():
-                for scan in scans:
-                    imager = self._imagers[name]
-                    then = floats(imager.run["pose"].values[scan])
-                    cleaned = self._cleaned(name, scan)
-                    ground = self._seen(imager, then, cleaned, fitted, pose)
-                    pieces[name].append({name: (imager.signal(scan) - ground)[None]})
-
-        def state(_: Any) -> Arrays:
-            return {
-                key: data for each in pieces.values() for key, data in concatenate(each).items()
-            }
-
-        def merge(state: Mapping[str, AnyArray]) -> None:
-            for name, data in state.items():
-                pieces[name].append({name: data})
-
-        def result() -> Arrays:
-            return {
-                name: standing_field(data) for name, data in state(None).items() if len(data) > 2
-            }
-
-        return Accumulator(add, state, merge, result)
+        look = ModelledLook(partial(self._model.echo, imager, pose, fitted, then), operator)
+        moved_onto(as_channels(operator.adjoint(cleaned)), look, imager.grid, self.settings.search)
+        return explained(cleaned, look.echo)
 
     def of_image(self, index: int, image: xr.DataArray) -> xr.DataArray:
         """Return the image of a scan less what earlier drives predict.
@@ -277,42 +248,58 @@ class EarlierRuns(ClutterStage):
         That is kept for later passes, of as many scans as there is memory for.
         """
         key = index, image.sizes["y"]
-        known = self._predictions.get(key)
-        if known is None:
-            known = self._predict(image, range(image.sizes["subband"]), image.sizes["y"])
-            with self._fitting:
-                self._predicted_bytes += sum(each.nbytes for each in known)
+        prediction = self._predictions.get(key)
+        if prediction is None:
+            prediction = self.predict(image.values, floats(image.attrs["pose"]))
+            with self._predicting:
+                self._predicted_bytes += prediction.image.nbytes + prediction.nearest.nbytes
                 if self._predicted_bytes <= _KEPT:
-                    self._predictions[key] = known
-        prediction, earlier = known
-        self._of_thread.days = {"today": _channels(image.values), "earlier": earlier}
-        return image.copy(data=image.values - prediction.reshape(image.shape))
+                    self._predictions[key] = replace(prediction, echo=None)
+        self._of_thread.days = {"today": as_channels(image.values), "earlier": prediction.nearest}
+        return image.copy(data=image.values - prediction.image.reshape(image.shape))
 
-    def of_part(self, image: xr.DataArray, subbands: Sequence[int], rows: int) -> xr.DataArray:
-        """Return the nearest rows of some sub-bands of an image less what earlier drives predict.
+    def predict(
+        self,
+        image: ComplexArray,
+        pose: FloatArray,
+        subbands: Sequence[int] | None = None,
+        rows: int | None = None,
+    ) -> Prediction:
+        """Return what earlier drives say of the image of a scan.
 
-        The whole image, with its pose, tells how far the drives are moved onto each other.
+        Parameters
+        ----------
+        image : (polarization, subband, y, x) ndarray of complex
+            The image. All of it tells how far the drives are moved onto each other.
+        pose : (6,) ndarray
+            The scan's pose.
+        subbands : sequence of int, optional
+            The sub-bands whose prediction is wanted; by default all.
+        rows : int, optional
+            The nearest rows of which it is wanted; by default all.
         """
-        part = image.isel(subband=list(subbands), y=slice(rows))
-        prediction, earlier = self._predict(image, subbands, rows)
-        self._of_thread.days = {"today": _channels(image.values), "earlier": earlier}
-        return part.copy(data=part.values - prediction.reshape(part.shape))
-
-    def _predict(
-        self, image: xr.DataArray, subbands: Sequence[int], rows: int
-    ) -> tuple[ComplexArray, ComplexArray]:
-        """Return what earlier drives predict of a part of an image, and what the nearest scan says.
-
-        Both are (channel, y, x), 0 and NaN without an earlier scan.
-        """
-        looks = list(self._looks(floats(image.attrs["pose"]), image.sizes["y"]))
-        values = _channels(image.values)
-        channels = np.arange(len(values)).reshape(image.shape[:2])[:, subbands].ravel()
-        earlier = [self._on(values, look)[0] for look in looks]
-        if not earlier:
-            return np.zeros_like(values[channels, :rows]), np.full_like(values, np.nan)
-        of_part = [one[channels] for one in earlier]
-        return self._prediction(values[channels], of_part, rows), earlier[0]
+        grid, values = self.setup.imager.grid, as_channels(image)
+        numbers = np.arange(len(values)).reshape(image.shape[:2])
+        channels = (numbers if subbands is None else numbers[:, subbands]).ravel()
+        looks = list(self._looks(pose, values.shape[1]))
+        if not looks:
+            unknown = np.full_like(values, np.nan)
+            return Prediction(np.zeros_like(values[channels, :rows]), unknown, [], None)
+        moved = [moved_onto(values, look, grid, self.settings.search) for look in looks]
+        stretch = (round(self.settings.stretch / grid.dy), round(self.settings.stretch / grid.dx))
+        with blas_on_one_thread():  # of products as small as these its threads wait for one another
+            of_channels = [
+                predicted(
+                    values[channel],
+                    [look[channel] for look, _ in moved],
+                    stretch,
+                    self.settings.reach,
+                    rows,
+                )
+                for channel in channels
+            ]
+        offsets = [offset for _, offset in moved]
+        return Prediction(np.stack(of_channels), moved[0][0], offsets, looks[0].echo)
 
     @property
     def days(self) -> dict[str, ComplexArray]:
@@ -323,132 +310,64 @@ class EarlierRuns(ClutterStage):
         days: dict[str, ComplexArray] = self._of_thread.days
         return days
 
-    def _prediction(
-        self, values: ComplexArray, earlier: list[ComplexArray], rows: int | None = None
-    ) -> ComplexArray:
-        """Predict the nearest rows of channels (channel, y, x) of an image."""
-        grid = self.setup.imager.grid
-        stretch = (round(self.settings.stretch / grid.dy), round(self.settings.stretch / grid.dx))
-        channels = []
-        with blas_on_one_thread():  # of products as small as these its threads wait for one another
-            for number, channel in enumerate(values):
-                of_channel = [look[number] for look in earlier]
-                channels.append(predicted(channel, of_channel, stretch, self.settings.reach, rows))
-        return np.stack(channels)
-
-    def _on(self, values: ComplexArray, look: Look) -> tuple[ComplexArray, FloatArray]:
-        """Return an earlier look moved onto an image (channel, y, x), and the offset (3,), m."""
-        grid = self.setup.imager.grid
-        most = (round(self.settings.search / grid.dy), round(self.settings.search / grid.dx))
-        image = look(np.zeros(3))
-        rows, columns = offset_between(values, image, most)
-        offset = np.array([columns * grid.dx, rows * grid.dy, 0.0])
-        return look(offset) if offset.any() else image, offset
-
     def is_alone(self, pose: FloatArray) -> bool:
         """Return whether no earlier scan lies near a pose (6,)."""
-        return not any(self._nearest(imager, pose) for imager in self._imagers.values())
+        return not any(self._nearest(drive, pose) for drive in self._drives.values())
 
-    def _nearest(self, imager: ScanImager, pose: FloatArray) -> list[int]:
-        """Return the scans of an earlier run that lie nearest to a pose of this one."""
-        places = floats(imager.run["pose"].values[imager.scans])[:, :2]
-        away = np.hypot(*(places - pose[:2]).T)
-        nearest = np.argsort(away, kind="stable")[: self.settings.looks]
-        return [int(imager.scans[one]) for one in nearest if away[one] <= self.settings.within]
+    def _nearest(self, drive: EarlierDrive, pose: FloatArray) -> list[int]:
+        """Return the scans of an earlier drive that lie near a pose, the nearest first."""
+        return drive.nearest(pose, self.settings.looks, self.settings.within)
 
     def _looks(self, pose: FloatArray, rows: int) -> Iterator[Look]:
-        """Yield what earlier drives say of the image (channel, y, x) of a scan at a pose."""
+        """Yield what earlier drives say of the nearest rows of the image of a scan at a pose."""
         own = self.setup.imager
         points = own.grid.points()[:rows]
         today = own.operator_at(pose, points, own.subbands, own.window)
-
-        def modelled(fitted: ComplexArray, then: FloatArray, offset: FloatArray) -> ComplexArray:
-            return _channels(today.adjoint(self._echo(own, pose, fitted, then, offset)))
-
-        def imaged(
-            imager: ScanImager, data: ComplexArray, then: FloatArray, offset: FloatArray
-        ) -> ComplexArray:
-            there = lane_to_scan(scan_to_lane(points - offset, pose), then)
-            operator = imager.operator_at(then, there, imager.subbands, imager.window)
-            return _channels(operator.adjoint(data))
-
-        for name, imager in self._imagers.items():
-            for scan in self._nearest(imager, pose):
-                then = floats(imager.run["pose"].values[scan])
+        for name, drive in self._drives.items():
+            for scan in self._nearest(drive, pose):
+                then = drive.pose(scan)
                 if self.settings.iterations:
-                    yield partial(modelled, self._reflectivity(name, scan), then)
+                    fitted = self._reflectivity(name, scan)
+                    echo_at = partial(self._model.echo, own, pose, fitted, then)
+                    yield ModelledLook(echo_at, today)
                 else:
-                    yield partial(imaged, imager, self._cleaned(name, scan), then)
-
-    @cached_property
-    def _whole_band(self) -> dict[str, tuple[float, float]]:
-        """The band that holds all sub-bands."""
-        edges = np.array(list(self.setup.imager.subbands.values()))
-        return {"whole": (float(edges[:, 0].min()), float(edges[:, 1].max()))}
-
-    @cached_property
-    def _ground(self) -> Grid:
-        """The ground that is fitted to the data of an earlier scan, in its frame."""
-        image, margin = self.setup.imager.grid, self.settings.margin
-        if margin is None:
-            heights = [imager.run["pose"].values[:, 2] for imager in self._imagers.values()]
-            margin = max(float(np.nanmedian(np.concatenate(heights))), image.dx)
-        across, ahead = image.x, image.y
-        return Grid.spanning(
-            (float(across[0]) - margin, float(across[-1]) + margin),
-            (max(float(ahead[0]) - margin / 2, float(ahead[0]) / 5), float(ahead[-1]) + margin / 2),
-            _SPACING * SPEED_OF_LIGHT / self._whole_band["whole"][1],
-        )
+                    yield ImagedLook(drive.imager, points, pose, then, self._cleaned(name, scan))
 
     def _cleaned(self, name: str, scan: int) -> ComplexArray:
         """Return the data of an earlier scan without what stood still."""
-        field = self.setup.results.get(_THEN, {}).get(name)
-        if field is None:
-            field = self._medians_then[name]
-        return subtract_standing(self._imagers[name].signal(scan), field)
+        drive = self._drives[name]
+        field = self.setup.results.get(f"{_THEN}.{name}", {}).get("field")
+        return subtract_standing(
+            drive.imager.signal(scan), drive.median if field is None else field
+        )
 
     def _reflectivity(self, name: str, scan: int) -> ComplexArray:
-        """Return the ground (polarization, 1, y, x) that explains the data of an earlier scan.
+        """Return the ground (polarization, 1, y, x) that explains the data of an earlier scan."""
+        drive = self._drives[name]
 
-        The latest are kept: neighbouring scans and later passes want the same ones.
-        """
-        key = name, scan, _THEN in self.setup.results
-        with self._fitting:
-            fitted = self._fitted.pop(key, None)
-        if fitted is None:
-            imager = self._imagers[name]
-            pose = floats(imager.run["pose"].values[scan])
-            fitted = self._fit(imager, pose, self._cleaned(name, scan))
-        with self._fitting:
-            while self._fitted and (len(self._fitted) + 1) * fitted.nbytes > _KEPT:
-                del self._fitted[next(iter(self._fitted))]
-            self._fitted[key] = fitted
-        return fitted
+        def fit() -> ComplexArray:
+            return self._model.fit(drive.imager, drive.pose(scan), self._cleaned(name, scan))
 
-    def _fit(self, imager: ScanImager, pose: FloatArray, data: ComplexArray) -> ComplexArray:
-        """Fit the ground to the data of a scan."""
-        operator = imager.operator_at(pose, self._ground.points(), self._whole_band)
-        return fit_by_model(data, operator, self.settings.iterations)
+        return self._fitted.of((name, scan, f"{_THEN}.{name}" in self.setup.results), fit)
 
     def _match(self, block: range | None) -> Accumulator:  # noqa: ARG002
         """Return what gathers how well the drives fit, on scans spread over the run."""
-        scans = len(self.setup.imager)
-        chosen = set(spread_scans(scans, _MATCHED).tolist())
-        today = self._imager("itself", self.setup.run)
+        own = self.setup.imager
+        chosen = set(spread_scans(len(own), _MATCHED).tolist())
         pieces: list[Arrays] = []
 
         def add(index: int) -> None:
-            if index in chosen:
-                data = self.data(index, 1)[0][self.setup.imaged]
-                image = today.image(int(today.scans[index]), data).values
-                values = image.reshape(-1, *image.shape[-2:])
-                looks = self._looks(self.setup.pose(index), image.shape[-2])
-                matched = [self._on(values, look) for look in looks]
-                if matched:
-                    left = values - self._prediction(values, [look for look, _ in matched])
-                    power = np.array([np.vdot(values, values).real, np.vdot(left, left).real])
-                    offset = np.array([np.hypot(*offset[:2]) for _, offset in matched])
-                    pieces.append({"power": power[None], "offset": offset})
+            if index not in chosen:
+                return
+            data, pose = self.data(index, 1)[0][self.setup.imaged], self.setup.pose(index)
+            operator = own.operator_at(pose, own.grid.points(), own.subbands, own.window)
+            image = operator.adjoint(data)
+            prediction = self.predict(image, pose)
+            if prediction.offsets:
+                left = as_channels(image) - prediction.image
+                power = np.array([np.vdot(image, image).real, np.vdot(left, left).real])
+                offsets = np.hypot(*np.array(prediction.offsets)[:, :2].T)
+                pieces.append({"power": power[None], "offset": offsets})
 
         return append_accumulator(pieces, add)
 
@@ -457,7 +376,7 @@ class EarlierRuns(ClutterStage):
         match = self.setup.results[_MATCH]
         scans = range(len(self.setup.imager))
         alone = sum(self.is_alone(self.setup.pose(index)) for index in scans)
-        notes: dict[str, Any] = {"earlier_runs": len(self._imagers), "scans_without_earlier": alone}
+        notes: dict[str, Any] = {"earlier_runs": len(self._drives), "scans_without_earlier": alone}
         if "power" in match:
             notes["earlier_suppression_db"] = _suppression(match["power"].sum(axis=0))
             notes["earlier_offset"] = round(float(np.median(match["offset"])), 3)
@@ -473,7 +392,7 @@ class EarlierRuns(ClutterStage):
     @property
     def changes(self) -> str:
         """What alarms are, in words."""
-        count = len(self._imagers)
+        count = len(self._drives)
         drives = "an earlier drive predicts" if count == 1 else f"{count} earlier drives predict"
         return f"what {drives} is subtracted, so what lay there then does not stand out"
 
@@ -510,11 +429,6 @@ class EarlierRuns(ClutterStage):
                 "one: their images are as without earlier drives"
             )
         return said
-
-
-def _channels(image: ComplexArray) -> ComplexArray:
-    """Return an image (polarization, subband, y, x) as (channel, y, x)."""
-    return image.reshape(-1, *image.shape[-2:])
 
 
 def _suppression(power: FloatArray) -> float:

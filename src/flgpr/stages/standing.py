@@ -30,8 +30,9 @@ def standing_pass(
     name: str,
     scans: int,
     most: int,
-    read: Callable[[int], ComplexArray],
+    read: Callable[[int], ComplexArray | None],
     estimate: Callable[[ComplexArray], ComplexArray] = standing_field,
+    least: int = 1,
 ) -> PlannedPass:
     """Return the pass that estimates a standing field from scans spread evenly over the run.
 
@@ -44,9 +45,11 @@ def standing_pass(
     most : int
         Number of scans that it reads at most.
     read : callable
-        Returns the data (polarization, pair, frequency) of the scan at an index.
+        Returns the data (polarization, pair, frequency) of the scan at an index; None: it has none.
     estimate : callable
         Returns the field of data (scan, polarization, pair, frequency).
+    least : int
+        Scans with data without which there is no field.
 
     Returns
     -------
@@ -59,13 +62,15 @@ def standing_pass(
         pieces: list[Arrays] = []
 
         def add(index: int) -> None:
-            if index in chosen:
-                pieces.append({"signal": read(index)[None]})
+            data = read(index) if index in chosen else None
+            if data is not None:
+                pieces.append({"signal": data[None]})
 
         gathered = append_accumulator(pieces, add)
 
         def result() -> Arrays:
-            return {"field": estimate(gathered.result()["signal"])}
+            signal = gathered.result().get("signal", np.empty(0, np.complex64))
+            return {"field": estimate(signal)} if len(signal) >= least else {}
 
         return Accumulator(add, gathered.state, gathered.merge, result)
 
