@@ -160,8 +160,8 @@ PLACED_LIKENESS = 0.45
 """Median correlation of neighbouring pairs that is needed to tell that two have changed places."""
 NOISY_LIKENESS = 0.5
 """Share of the median likeness of neighbouring tones under which a tone holds noise."""
-CLEAR = 0.98
-"""Agreement of the tones on the delay from scan to scan that is needed to tell jitter."""
+CLEAR = 0.5
+"""Correlation of a scan with the mean of those before, once delayed, that is needed to tell jitter."""
 MOVING_DB = 6.0
 """Change from scan to scan under that of a driving vehicle, dB, from where on it may stand."""
 MOST_PAIRS = 0.5

@@ -10,6 +10,7 @@ from collections import deque
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.fft
 from numpy.typing import NDArray
 
 from flgpr.types import BoolArray, FloatArray
@@ -30,12 +31,12 @@ BURST_DB = 10.0
 
 _NEIGHBOURS_EVERY = 4  # scans between two whose neighbouring tones are compared
 _SWEEPS_TOGETHER = 64  # whose sum of noise is small beside that of echoes
-_IN_MEAN = 16  # scans in the mean that a scan's delay is taken from
+_MOST_IN_MEAN = 16  # scans in the mean that a scan's delay is taken from
 _MEDIAN_EVERY = 8  # tones between two medians of those around
 _SUMMED = (
     *("scans", "sweeps", "power", "standing", "not_finite", "stuck", "steps", "change_db"),
     *("changes", "excess_db", "bursts", "repeated", "pair_products", "tone_power", "tone_sum"),
-    *("delays", "clearness", "changed", "latest_mean"),
+    *("delays", "clearness", "changed", "in_mean", "latest_mean"),
 )
 """Attributes of the sums that a state holds; the quarters are those of a run that is known whole."""
 _BESIDE = ("next_changes", "next_tones")
@@ -120,11 +121,13 @@ class HealthSums:
         self.next_tones = TonesBeside(tones)
         self.tone_sum = np.zeros(tones)  # of the power
         # of every scan, the latest: delay over that of scans before, as phase per tone, rad, how clear
-        # it is (1 where all tones agree), and power of the change over that of the scan, dB
+        # it is (1 where all is delayed alike), and power of the change over that of the scan, dB
         self.delays = deque[float](maxlen=REMEMBERED)
         self.clearness = deque[float](maxlen=REMEMBERED)
         self.changed = deque[float](maxlen=REMEMBERED)
-        # of every second pair, the mean of the latest scans: echoes that come near average out of it
+        # of every second pair, the mean of the latest scans at one delay, and how many these are:
+        # echoes that come near average out of it
+        self.in_mean = 0
         self.latest_mean = np.zeros((channels[0], -(-channels[1] // 2), tones), np.complex64)
         self._before: tuple[ComplexArray, BoolArray] | None = None  # a scan, and what is finite
 
@@ -147,8 +150,8 @@ class HealthSums:
         excess = over_neighbours(_tone_levels(power, finite))
         self.excess_db += excess
         repeated, change_db = self._add_change(signal, finite, channel_power)
-        count = min(self.scans + 1, _IN_MEAN)
-        self.latest_mean += (whole[:, ::2] - self.latest_mean) * np.float32(1 / count)
+        if not repeated:
+            self._add_delay(whole[:, ::2], channel_power[:, ::2])
         self.bursts += excess > BURST_DB
         self.changed.append(change_db)
         self.scans += 1
@@ -168,19 +171,33 @@ class HealthSums:
         self.next_tones.add(signal)
         self.tone_sum += power.sum(axis=(0, 1), dtype=np.float64)
 
-    def _add_delay(self, signal: ComplexArray, channel_power: FloatArray) -> None:
+    def _add_delay(self, some: ComplexArray, power: FloatArray) -> None:
         """Add how much later a scan is than those before, as phase per tone, and how clearly.
 
-        What stands still has the same phase in all, but for the delay. Every second pair is asked,
-        and weighs the same, so that none decides alone.
+        What stands still has the same phase in all, but for the delay: at that delay its correlation
+        with their mean is greatest, and other echoes that come near correlate at others. Every
+        channel weighs the same, so that none decides alone.
+
+        Parameters
+        ----------
+        some : (polarization, pair, frequency) ndarray of complex
+            The scan's data of every second pair.
+        power : (polarization, pair) ndarray of float
+            Their mean power.
         """
-        weight = (1 / np.maximum(channel_power, LEAST_POWER)).astype(np.float32)
-        turned = self.latest_mean.conj() * weight[:, ::2, None]
-        across = np.einsum("apf,apf->f", signal[:, ::2], turned)
-        product = np.vdot(across[:-1], across[1:])
-        power = float(np.vdot(across, across).real)
-        self.delays.append(float(np.angle(product)))
-        self.clearness.append(float(abs(product) / power) if power > 0 else 0.0)
+        tones = np.arange(some.shape[-1])
+        of_mean = _power(self.latest_mean).mean(axis=-1, dtype=np.float64)
+        phase = 0.0
+        if of_mean.any():
+            weight = 1 / np.sqrt(np.maximum(power * of_mean, LEAST_POWER**2))
+            turned = self.latest_mean.conj() * weight.astype(np.float32)[..., None]
+            phase, left = _delay_in(np.einsum("apf,apf->f", some, turned))
+            self.delays.append(phase)
+            living = int(np.count_nonzero(np.minimum(power, of_mean) > LEAST_POWER))
+            self.clearness.append(float(abs(left.sum())) / left.size / (living or 1))
+        self.in_mean = min(self.in_mean + 1, _MOST_IN_MEAN)
+        aligned = some * np.exp(-1j * phase * tones).astype(np.complex64)
+        self.latest_mean += (aligned - self.latest_mean) / np.float32(self.in_mean)
 
     def _add_change(
         self, signal: ComplexArray, finite: BoolArray, channel_power: FloatArray
@@ -205,7 +222,6 @@ class HealthSums:
         if not total:
             self.repeated += 1
             return True, -np.inf
-        self._add_delay(signal, channel_power)
         self.change_db += _tone_levels(change_power, both)
         self.changes += 1
         if self.changes % 2:
@@ -294,6 +310,20 @@ class HealthSums:
 def _power(signal: ComplexArray) -> NDArray[np.floating]:
     """Return the power of numbers."""
     return np.square(signal.real) + np.square(signal.imag)
+
+
+def _delay_in(across: ComplexArray) -> tuple[float, ComplexArray]:
+    """Return the delay in a cross-spectrum (frequency,), as phase per tone, and the spectrum without."""
+    tones = np.arange(across.size)
+    lags = scipy.fft.next_fast_len(4 * across.size)
+    peak = int(np.argmax(np.abs(scipy.fft.fft(across, lags))))
+    phase = 2 * np.pi * (peak - lags if peak > lags // 2 else peak) / lags
+    half = across.size // 2
+    for _ in range(3 if half else 0):  # the phase between the halves of the band refines it
+        left = across * np.exp(-1j * phase * tones)
+        turn = float(np.angle(np.vdot(left[:half].sum(), left[-half:].sum())))
+        phase += turn / (across.size - half)
+    return phase, across * np.exp(-1j * phase * tones)
 
 
 def _tone_levels(power: NDArray[np.floating], which: BoolArray) -> FloatArray:
