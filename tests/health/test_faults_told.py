@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from faulty import FAULTS, PAIRS, TONES, WAYS, disturbed, make_drive, noise, with_fault
+from faulty import FAULTS, FREQUENCY, PAIRS, TONES, WAYS, disturbed, make_drive, noise, with_fault
 
 from flgpr.health.findings import LIMITS
+from flgpr.health.judging import jitter_ps
 from flgpr.health.of_run import health_of_run, radar_of, without
 from flgpr.health.streaming import LiveHealth
 from flgpr.health.sums import HealthSums
@@ -261,6 +262,41 @@ def test_of_a_few_pairs_what_can_be_judged_is(clean, pairs):
     assert "repeated scans" in changed(frozen)
     assert "stuck pairs" in changed(half_stuck)
     assert "disturbed tones" in changed(lambda signal: disturbed(signal, None))
+
+
+def passing_under(level, seed):
+    """Return a change that adds bright rough ground close under an array, other ground at every scan."""
+
+    def change(signal, pose):
+        rng = np.random.default_rng(seed)
+        along = rng.uniform(0, 30, 1500)
+        amplitude = level * np.sqrt(np.mean(np.abs(signal) ** 2)) * noise(rng, 1500, 2, PAIRS)
+        for scan, place in zip(signal, pose[:, 1], strict=True):
+            near = (along - place > 1.5) & (along - place < 2.3)
+            path = 2 * np.hypot(along[near] - place, pose[0, 2])
+            phase = np.exp(-2j * np.pi * path[:, None] / SPEED_OF_LIGHT * FREQUENCY)
+            scan += np.einsum("npq,nf->pqf", amplitude[near], phase) / np.sqrt(len(phase))
+
+    return change
+
+
+@pytest.mark.parametrize("level", [0.3, 1.0, 3.0])
+def test_ground_that_passes_under_the_array_is_no_jitter(longer, level):
+    """Not even where it is stronger than what stands still; then jitter is not known."""
+    found = []
+    for seed in range(5):
+        run = with_fault(longer, passing_under(level, seed))
+        sums = HealthSums(run["signal"].shape[1:])
+        for signal in run["signal"].values:
+            sums.add(signal)
+        found.append(jitter_ps(sums, radar_of(run)))
+    assert np.isnan(found).all() if level == 3.0 else max(found) < LIMITS["jitter"].most / 2
+
+
+def test_jitter_is_told_by_its_number_above_ground_that_passes(longer):
+    run = with_fault(with_fault(longer, passing_under(0.6, 1)), FAULTS["jitter"])
+    [one] = [one for one in health_of_run(run).findings if one.name == "jitter"]
+    assert one.value == pytest.approx(200, rel=0.35)
 
 
 def test_a_pair_of_zeros_is_told_with_a_number(clean):
