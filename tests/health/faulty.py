@@ -69,6 +69,11 @@ def jittered(signal, pose):
     signal *= np.exp(-2j * np.pi * delay[:, None] * FREQUENCY)[:, None, None]
 
 
+def drifting(signal, pose):
+    delay = np.linspace(0, 1.2e-9, len(signal))
+    signal *= np.exp(-2j * np.pi * delay[:, None] * FREQUENCY)[:, None, None]
+
+
 def noisy(signal, pose):
     signal[..., 60:80] += 2 * noise(np.random.default_rng(5), *signal[..., 60:80].shape)
 
@@ -141,6 +146,7 @@ FAULTS = {
     "noisy tones": noisy,
     "noise": noise_alone,
     "jitter": jittered,
+    "time zero": drifting,
     "repeated scans": frozen_signal,
     "frozen positions": frozen_positions,
     "receivers": receivers_reversed,

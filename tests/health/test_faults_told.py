@@ -194,8 +194,8 @@ def findings_live(run, lane=None, lost=True):
 @pytest.mark.parametrize(
     "name",
     [
-        *("dead polarization", "stuck pairs", "swapped pairs", "turned pairs", "jitter"),
-        *("heading", "lag"),
+        *("dead polarization", "stuck pairs", "swapped pairs", "turned pairs"),
+        *("jitter", "time zero", "heading", "lag"),
     ],
 )
 def test_the_geometry_is_judged_while_driving_too(longer, name):

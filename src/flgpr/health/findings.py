@@ -110,6 +110,12 @@ LIMITS: dict[str, Limit] = {
         "at most {most:.0f} ps",
         "look at the clock of the radar",
     ),
+    "time zero": Limit(
+        300.0,
+        "ps",
+        "time zero drifts by {value:.0f} ps, at most {most:.0f} ps",
+        "let the radar warm up; look at its clock and cables",
+    ),
     "repeated scans": Limit(
         0.0,
         "scans",
@@ -161,7 +167,8 @@ PLACED_LIKENESS = 0.45
 NOISY_LIKENESS = 0.5
 """Share of the median likeness of neighbouring tones under which a tone holds noise."""
 CLEAR = 0.5
-"""Correlation of a scan with the mean of those before, once delayed, that is needed to tell jitter."""
+"""Correlation of a scan with the mean of those before, once delayed, that is needed to tell
+how time zero moves."""
 MOVING_DB = 6.0
 """Change from scan to scan under that of a driving vehicle, dB, from where on it may stand."""
 MOST_PAIRS = 0.5

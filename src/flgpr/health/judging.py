@@ -38,6 +38,7 @@ _SILENT_DB = 300.0  # under the median pair, stands for no power at all
 _MEDIAN_OF_NORMAL = 0.6745  # of the magnitude of a normal value, over its standard deviation
 _IN_PLACE = 0.6  # of the median likeness of neighbours, that of pairs in their right places
 _OUT_OF_PLACE = 0.7  # that of pairs in wrong ones, at most
+_MOST_AT_AN_END = 8  # delays at each end of those that are known, between which time zero drifts
 _ALIKE = 5  # pairs whose antennas are as far apart, the nearest
 
 
@@ -91,7 +92,7 @@ def judge_sums(sums: HealthSums, radar: Radar) -> list[Finding]:
     if sums.scans < LEAST_SCANS:
         return found
     figures = statistics(sums, radar)
-    for name in ("repeated scans", "noise", "jitter"):
+    for name in ("repeated scans", "noise", "jitter", "time zero"):
         if figures.get(name, 0.0) > LIMITS[name].most:
             found.append(finding(name, figures[name]))
     if sums.shape[2] >= LEAST_TONES:
@@ -129,6 +130,7 @@ def statistics(sums: HealthSums, radar: Radar) -> dict[str, float]:
     if sums.shape[2] >= LEAST_TONES:
         figures["noise"] = 1 - sums.likeness
         figures["jitter"] = jitter_ps(sums, radar)
+        figures["time zero"] = drift_ps(sums, radar)
     if sums.shape[2] >= LEAST_TONES and sums.changes:
         likeness = sums.tone_likeness
         noisy = likeness < NOISY_LIKENESS * np.median(likeness)
@@ -358,16 +360,24 @@ def _tones(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
 
 
 def jitter_ps(sums: HealthSums, radar: Radar) -> float:
-    """Return how far time zero jumps from scan to scan, ps; NaN where nothing strong stands still.
+    """Return how far time zero jumps from scan to scan, ps; NaN where nothing strong stands still."""
+    change = np.median(np.abs(np.diff(_delays_ps(sums, radar))))
+    return float(change) / _MEDIAN_OF_NORMAL / np.sqrt(2)
 
-    It is taken from how delays change from scan to scan, in the median: a strong echo that comes
-    near turns them slowly.
-    """
+
+def drift_ps(sums: HealthSums, radar: Radar) -> float:
+    """Return how far time zero has drifted over the latest scans, ps; NaN as of :func:`jitter_ps`."""
+    delays = _delays_ps(sums, radar)
+    end = min(max(len(delays) // 3, 1), _MOST_AT_AN_END)
+    return float(abs(np.median(delays[-end:]) - np.median(delays[:end])))
+
+
+def _delays_ps(sums: HealthSums, radar: Radar) -> FloatArray:
+    """Return the delays of the latest scans, ps; NaN alone where nothing strong stands still."""
     if len(sums.delays) < LEAST_SCANS - 1 or np.median(sums.clearness) < CLEAR:
-        return np.nan
+        return np.full(2, np.nan)
     step = float(np.median(np.diff(radar.frequency)))
-    change = np.median(np.abs(np.diff(sums.delays))) / _MEDIAN_OF_NORMAL / np.sqrt(2)
-    return float(change) / (2 * np.pi * step) * 1e12
+    return np.array(sums.delays) / (2 * np.pi * step) * 1e12
 
 
 class Neighbours:

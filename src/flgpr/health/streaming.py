@@ -57,7 +57,7 @@ _LEAST_LOOKED_AT = 3  # of these, which are of use
 
 _LATER = {
     *("dead polarization", "stuck pairs", "swapped pairs", "turned pairs", "noisy tones"),
-    *("noise", "jitter"),
+    *("noise", "jitter", "time zero"),
 }
 """What is judged by the sums of many scans; the rest is told of every scan."""
 _STATE = {
