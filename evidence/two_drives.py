@@ -8,6 +8,7 @@ kept.
 from __future__ import annotations
 
 import argparse
+import math
 import shutil
 import tomllib
 from collections.abc import Iterator
@@ -20,11 +21,14 @@ import pandas as pd
 from common import markdown, with_share
 from flgpr import detect
 from flgpr.jobs.simulated_lane import simulate_to_store
+from flgpr.live.feeding import feed
+from flgpr.live.options import LiveOptions
+from flgpr.live.session import LiveRun
 from flgpr.model import Lane, Sensor, load_sensor
 from flgpr.recipe.make import with_earlier
 from flgpr.scoring import match, side_by_side
 from flgpr.simulate import Scene, draw_world
-from flgpr.store import read_table
+from flgpr.store import lane_text, read_table
 
 DECLARED = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 RECIPE = """name = "contrast"
@@ -123,12 +127,31 @@ def alarms_of(out: Path, road: tuple[str, str, int], condition: str) -> dict[str
             if entries["earlier"]:
                 text = f"{with_earlier(text)}{entries['earlier']}\n"
             recipe.write_text(text, "utf-8")
-            earlier = {"before": before} if entries["earlier"] else {}
+            earlier = [before] if entries["earlier"] else []
             result = home / f"result-{number}"
-            detect(run, recipe=recipe, output=result, report=False, **earlier)
+            if entries.get("live"):
+                detect_live(run, recipe, earlier, lane_of(scene), result)
+            else:
+                detect(run, recipe=recipe, output=result, report=False, before=earlier)
             shutil.copy(result / "alarms.csv", listed)
         found[detector] = read_table(listed, "alarms").assign(lane=name)
     return found
+
+
+def detect_live(run: Path, recipe: Path, before: list[Path], lane: Lane, output: Path) -> None:
+    """Detect on a stored run as if it came scan by scan."""
+    incoming, lane_file = output.with_name("incoming"), output.with_name("lane.toml")
+    shutil.rmtree(incoming, ignore_errors=True)
+    incoming.mkdir()
+    lane_file.write_text(lane_text(lane), "utf-8")
+    feed(run, incoming, math.inf)
+    LiveRun(LiveOptions(recipe, output, incoming, lane=lane_file, before=before, fresh=True)).run()
+    shutil.rmtree(incoming)
+
+
+def lane_of(scene: Scene) -> Lane:
+    """Return the road of a scene."""
+    return Lane(scene.x_min, scene.x_max, 0.0, scene.length)
 
 
 def rows_of(out: Path, condition: str) -> Iterator[list[object]]:
@@ -146,7 +169,7 @@ def rows_of(out: Path, condition: str) -> Iterator[list[object]]:
         of_before = draw_world(scene_of(road[1], {}), road[2]).holes
         old = {(hole.x, hole.y) for hole in of_before}
         decoys += [(road[0], hole.x, hole.y) for hole in dug if (hole.x, hole.y) not in old]
-        lanes[road[0]] = Lane(scene.x_min, scene.x_max, 0.0, scene.length)
+        lanes[road[0]] = lane_of(scene)
     truth = pd.concat(truths, ignore_index=True)
     matches = {}
     for detector in detectors:
