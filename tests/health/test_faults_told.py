@@ -299,6 +299,21 @@ def test_jitter_is_told_by_its_number_above_ground_that_passes(longer):
     assert one.value == pytest.approx(200, rel=0.35)
 
 
+@pytest.mark.parametrize("lowest", [0.5e9, 8.4e9])
+@pytest.mark.parametrize("spread", [100e-12, 2e-9])
+def test_jitter_is_told_in_every_band_however_large(longer, spread, lowest):
+    """At 8.4 GHz it turns the phase by many times."""
+
+    def change(signal, pose):
+        delay = spread * np.random.default_rng(5).normal(size=len(signal))
+        tones = FREQUENCY - FREQUENCY[0] + lowest
+        signal *= np.exp(-2j * np.pi * delay[:, None] * tones)[:, None, None]
+
+    told = health_of_run(with_fault(longer, change)).findings
+    [one] = [one for one in told if one.name == "jitter"]
+    assert one.value == pytest.approx(1e12 * spread, rel=0.35)
+
+
 def test_a_pair_of_zeros_is_told_with_a_number(clean):
     silent = with_fault(
         clean, lambda signal, pose: (signal * (np.arange(PAIRS) != 4)[:, None], pose)

@@ -187,17 +187,20 @@ class HealthSums:
         """
         tones = np.arange(some.shape[-1])
         of_mean = _power(self.latest_mean).mean(axis=-1, dtype=np.float64)
-        phase = 0.0
+        back = np.ones(tones.size)
         if of_mean.any():
             weight = 1 / np.sqrt(np.maximum(power * of_mean, LEAST_POWER**2))
             turned = self.latest_mean.conj() * weight.astype(np.float32)[..., None]
-            phase, left = _delay_in(np.einsum("apf,apf->f", some, turned))
-            self.delays.append(phase)
+            across = np.einsum("apf,apf->f", some, turned)
+            delay = _delay_in(across)
+            self.delays.append(delay)
+            total = complex(np.vdot(np.exp(1j * delay * tones), across))
             living = int(np.count_nonzero(np.minimum(power, of_mean) > LEAST_POWER))
-            self.clearness.append(float(abs(left.sum())) / left.size / (living or 1))
+            self.clearness.append(abs(total) / tones.size / (living or 1))
+            back = np.exp(-1j * (delay * tones + np.angle(total)))
         self.in_mean = min(self.in_mean + 1, _MOST_IN_MEAN)
-        aligned = some * np.exp(-1j * phase * tones).astype(np.complex64)
-        self.latest_mean += (aligned - self.latest_mean) / np.float32(self.in_mean)
+        change = some * back.astype(np.complex64) - self.latest_mean
+        self.latest_mean += change / np.float32(self.in_mean)
 
     def _add_change(
         self, signal: ComplexArray, finite: BoolArray, channel_power: FloatArray
@@ -312,8 +315,8 @@ def _power(signal: ComplexArray) -> NDArray[np.floating]:
     return np.square(signal.real) + np.square(signal.imag)
 
 
-def _delay_in(across: ComplexArray) -> tuple[float, ComplexArray]:
-    """Return the delay in a cross-spectrum (frequency,), as phase per tone, and the spectrum without."""
+def _delay_in(across: ComplexArray) -> float:
+    """Return the delay in a cross-spectrum (frequency,), as phase per tone, rad."""
     tones = np.arange(across.size)
     lags = scipy.fft.next_fast_len(4 * across.size)
     peak = int(np.argmax(np.abs(scipy.fft.fft(across, lags))))
@@ -323,7 +326,7 @@ def _delay_in(across: ComplexArray) -> tuple[float, ComplexArray]:
         left = across * np.exp(-1j * phase * tones)
         turn = float(np.angle(np.vdot(left[:half].sum(), left[-half:].sum())))
         phase += turn / (across.size - half)
-    return phase, across * np.exp(-1j * phase * tones)
+    return phase
 
 
 def _tone_levels(power: NDArray[np.floating], which: BoolArray) -> FloatArray:
