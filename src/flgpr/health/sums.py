@@ -31,6 +31,7 @@ BURST_DB = 10.0
 
 _NEIGHBOURS_EVERY = 4  # scans between two whose neighbouring tones are compared
 _SWEEPS_TOGETHER = 64  # whose sum of noise is small beside that of echoes
+_LEAST_DELAYED = 16  # pairs whose delay is taken, if there are more
 _MOST_IN_MEAN = 16  # scans in the mean that a scan's delay is taken from
 _MEDIAN_EVERY = 8  # tones between two medians of those around
 _SUMMED = (
@@ -125,10 +126,11 @@ class HealthSums:
         self.delays = deque[float](maxlen=REMEMBERED)
         self.clearness = deque[float](maxlen=REMEMBERED)
         self.changed = deque[float](maxlen=REMEMBERED)
-        # of every second pair, the mean of the latest scans at one delay, and how many these are:
-        # echoes that come near average out of it
+        # of some pairs, spread over all, the mean of the latest scans at one delay, and how many these
+        # are: echoes that come near average out of it
+        self._delayed = slice(None, None, max(pairs // _LEAST_DELAYED, 1))
         self.in_mean = 0
-        self.latest_mean = np.zeros((channels[0], -(-channels[1] // 2), tones), np.complex64)
+        self.latest_mean = np.zeros(shape, np.complex64)[:, self._delayed].copy()
         self._before: tuple[ComplexArray, BoolArray] | None = None  # a scan, and what is finite
 
     def add(self, signal: ComplexArray) -> ScanFigures:
@@ -151,7 +153,7 @@ class HealthSums:
         self.excess_db += excess
         repeated, change_db = self._add_change(signal, finite, channel_power)
         if not repeated:
-            self._add_delay(whole[:, ::2], channel_power[:, ::2])
+            self._add_delay(whole[:, self._delayed], channel_power[:, self._delayed])
         self.bursts += excess > BURST_DB
         self.changed.append(change_db)
         self.scans += 1
@@ -181,7 +183,7 @@ class HealthSums:
         Parameters
         ----------
         some : (polarization, pair, frequency) ndarray of complex
-            The scan's data of every second pair.
+            The scan's data of some pairs.
         power : (polarization, pair) ndarray of float
             Their mean power.
         """
