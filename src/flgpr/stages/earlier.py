@@ -56,9 +56,7 @@ _THEN = "earlier.then"
 _MATCH = "earlier.match"
 _MOST = StandingSettings().most
 _REFINING = 32  # scans, spread over the run, whose ground is taken out before their median is taken
-_LEAST_THEN = (
-    3  # of an earlier drive's scans, of whose median the vehicle is a larger part than the ground
-)
+_LEAST_THEN = 3  # scans of an earlier drive: the median of fewer holds as much ground as vehicle
 _KEPT = 256e6  # bytes of fitted ground, and of predictions, that are kept from pass to pass
 
 
@@ -81,13 +79,9 @@ class EarlierSettings(Table):
 class Prediction:
     """What earlier drives say of a scan's image."""
 
-    image: (
-        ComplexArray  #: (channel, y, x) what they predict of the part that is wanted; 0 without any
-    )
-    nearest: (
-        ComplexArray  #: (channel, y, x) what the nearest scan says of all of it; NaN without one
-    )
-    offsets: list[FloatArray]  #: (3,) of each scan, by which it was moved, m
+    image: ComplexArray  #: (channel, y, x) predicted part that is wanted; 0 without earlier scans
+    nearest: ComplexArray  #: (channel, y, x) what the nearest one says of all of it; NaN without
+    offsets: list[FloatArray]  #: (3,) by which each earlier scan was moved, m
     #: (polarization, pair, frequency) of the ground fitted to the nearest one; None without
     echo: ComplexArray | None
 
