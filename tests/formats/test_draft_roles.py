@@ -48,6 +48,16 @@ def test_lengths_that_leave_a_choice_end_in_a_question_mark(tmp_path):
     assert unnamed.dims()[:2] == ["scan, polarization, pair, tx, rx or single?"] * 2
 
 
+def test_an_axis_of_two_real_numbers_is_rather_their_parts(tmp_path):
+    parts = np.ones((2, 5, 3, 7))
+    roles = roles_of(tmp_path, field=parts, freq=TONES, x=np.arange(5.0), y=np.arange(5.0))
+    assert roles.dims()[:2] == ["complex?", "scan"]
+    doubtful = roles_of(tmp_path, field=parts[:, :2], freq=TONES).dims()
+    assert doubtful[:2] == ["scan, polarization, pair, tx, rx, complex or single?"] * 2
+    whole = roles_of(tmp_path, field=parts + 0j, freq=TONES)
+    assert "complex" not in " ".join(whole.dims())
+
+
 def test_tones_that_can_only_be_hertz_are_no_guess(tmp_path):
     roles = roles_of(tmp_path, field=SIGNAL, freq=TONES)
     assert roles.frequency_unit() == ("Hz", "by their size")

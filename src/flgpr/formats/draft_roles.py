@@ -367,11 +367,16 @@ class Roles:
         if self.labels[0] != "HH?":
             self._name_axis(names, len(self.labels), "polarization", -1)
         self._name_antenna_axes(names)
+        is_real = self.samples is None and not self.field.is_complex
+        pairs = self._unnamed_axes(names, 2)
+        if is_real and len(pairs) == 1:  # tones of real numbers have an imaginary part somewhere
+            names[pairs[0]] = "complex?"
         for number, size in enumerate(self.sizes):
             if not names[number] and size == 1:
                 names[number] = "single"
         self._name_scans(names)
-        return [name or ANY_AXIS for name in names]
+        any_axis = ANY_AXIS.replace(" or", ", complex or") if is_real else ANY_AXIS
+        return [name or any_axis for name in names]
 
     def _name_scans(self, names: list[str]) -> None:
         """Name the axis of the scans by the number of fixes, or as the only one that is left."""
