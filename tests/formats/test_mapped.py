@@ -215,6 +215,18 @@ def test_a_mapping_without_poses_says_what_to_give(arrays, tmp_path):
         import_mapped(tmp_path / "m.toml", file, pose=pose, track=track)
 
 
+def test_a_scan_in_a_gap_of_a_track_beside_the_mapping_is_refused(arrays, tmp_path):
+    text = re.sub(r"\[pose\].*?\n\[time\]", "[time]", MAPPING, flags=re.S)
+    put(text, tmp_path / "m.toml")
+    file = write(arrays, tmp_path / "a.npz")
+    time = np.array([*np.arange(100, 103.5, 0.5), 106.5, *np.arange(107, 112, 0.5)])
+    track = make_track(time, np.column_stack([0 * time, 2 * (time - 100), 0 * time + 1]))
+    run = import_mapped(tmp_path / "m.toml", file, track=track, clock_offset=102.0, max_gap=4.0).run
+    np.testing.assert_allclose(run["pose"].values[:, 1], 4 + 2 * np.arange(5))
+    with pytest.raises(ValueError, match=r"no gap over 1 s, got 3\.5 s at scan 2"):
+        import_mapped(tmp_path / "m.toml", file, track=track, clock_offset=102.0)
+
+
 def test_positions_in_the_lane_frame_give_the_poses(arrays, field, tmp_path):
     moves = np.array([[0.1 * k, 2.0 * k, 1.5] for k in range(5)])
     arrays |= {"tx": TX + moves[:, None], "rx": RX + moves[:, None]}

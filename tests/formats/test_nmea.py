@@ -110,3 +110,36 @@ def test_a_position_in_feet():
     position = position_of(found[2])
     assert position.longitude == -11
     assert math.isclose(position.altitude + position.separation, 110 * 0.3048)
+
+
+@pytest.mark.parametrize("kind", ["AVR", "PASHR"])
+def test_a_heading_with_a_time_of_its_own_is_not_that_of_the_last_fix(kind, anchor, tmp_path):
+    """A vehicle turns by 20 degrees a second past midnight; positions come once a second."""
+    begin = 86400 - 4.0
+    lines = []
+    for tenth in range(80):
+        seconds = (begin + tenth / 10) % 86400
+        clock = f"{seconds // 3600:02.0f}{seconds // 60 % 60:02.0f}{seconds % 60:05.2f}"
+        if tenth % 10 == 0:
+            lines.append(closed(GOOD[0].split("*")[0].replace("100000.00", clock)))
+        cells = {
+            "AVR": f"$PTNL,AVR,{clock},{2 * tenth:.4f},Yaw,,,,,,3,1.0,10",
+            "PASHR": f"$PASHR,{clock},{2 * tenth:.4f},T,0,0,0,0.1,0.1,0.1,2,3",
+        }
+        lines.append(closed(cells[kind]))
+    track = read_nmea(put(lines, tmp_path), anchor)
+    assert np.diff(track["time"]) == pytest.approx(1)
+    turned = np.degrees(np.unwrap(track["heading"].to_numpy() + anchor.azimuth))
+    assert turned == pytest.approx(20 * np.arange(8), abs=0.1)
+
+
+def test_headings_without_a_time_are_those_of_the_fix_before_once(anchor, tmp_path):
+    lines = []
+    for k in range(4):
+        lines += [GOOD[k], *(closed(f"$GNHDT,{10 * k + tenth:.1f},T") for tenth in range(10))]
+    track = read_nmea(put(lines, tmp_path), anchor)
+    heading = np.degrees(track["heading"].to_numpy() + anchor.azimuth)
+    assert heading == pytest.approx(10 * np.arange(4))
+    assert "36 of 40 headings state no time, or one that came before" in "".join(
+        track.attrs["notes"]
+    )

@@ -134,7 +134,7 @@ def import_mapped(
     latency
         Delay of the track's time stamps, s.
     max_gap
-        Longest gap in the fixes of a track, s.
+        Longest gap in the fixes of a track that a scan may lie in, s.
     above_ground
         Height of an NMEA log's antenna above the ground, m, in place of the log's.
 
@@ -188,6 +188,7 @@ def import_mapped(
         clock_offset,
         lane_anchor,
         anchor_from_track,
+        max_gap,
     )
     imported.notes.extend(notes)
     if anchor_from_track and lane_anchor is None and imported.anchor is None:

@@ -41,6 +41,7 @@ _FILE_ORDER = ("scan", "polarization", "pair", "tx", "rx", "frequency")
 """Order of the axes before those of transmitters and receivers become pairs."""
 _HIGHEST_FREQUENCY = 1e12
 _TWO_WAY = {"delay": 1.0, "range": 2.0, "path": 1.0}  # factors to the path there and back
+_SLOW = 1.5  # times the usual time between fixes, which is no gap
 _ONE_SIGN = 0.99  # share of real parts that have one sign, as magnitudes and decibels do
 _BOTH_SIGNS = 0.1  # share of imaginary parts of either sign, at least, as phases have
 _LARGEST_MOTION = 1e-4  # m, of antennas in an array that keeps its form
@@ -69,6 +70,7 @@ def import_mapped(
     clock_offset: float = 0.0,
     anchor: Anchor | None = None,
     anchor_from_track: bool = False,
+    max_gap: float = 1.0,
 ) -> Imported:
     """Import measured data by a mapping, see ``docs/guide/import-mapping.md``.
 
@@ -95,6 +97,9 @@ def import_mapped(
         Takes positions by longitude and latitude to the lane.
     anchor_from_track : bool
         Whether such positions make their own anchor (:func:`flgpr.geo.anchor_from_fixes`).
+    max_gap : float
+        Longest gap between fixes of that track in which a scan may lie, s; of a slow track, half
+        more than the usual time between them.
 
     Returns
     -------
@@ -124,7 +129,7 @@ def import_mapped(
         raise ValueError("pose and track both tell where the vehicle was: give one")
     poses = None if pose is None else floats(pose)
     try:
-        importer = _Importer(table, files, limit, poses, track, clock_offset, anchor)
+        importer = _Importer(table, files, limit, poses, track, clock_offset, max_gap, anchor)
         importer.sources.anchor_from_track = anchor_from_track
         return importer.run()
     except ValueError as error:
@@ -176,6 +181,7 @@ class _Importer:
     poses: FloatArray | None  # in place of the mapping's
     track: pd.DataFrame | None  # in place of the mapping's
     clock_offset: float
+    max_gap: float  # of that track
     anchor: Anchor | None
 
     def __post_init__(self) -> None:
@@ -482,7 +488,10 @@ class _Importer:
                 "poses from a track given beside the mapping, "
                 f"at {self.clock_offset:g} s + radar time"
             )
-            return poses_at(self.track, time, self.clock_offset), self.track
+            usual = float(np.median(np.diff(self.track["time"])))  # of a slow track, no gap
+            gap = max(self.max_gap, _SLOW * usual)
+            pose = poses_at(self.track, time, self.clock_offset, max_gap=gap)
+            return pose, self.track
         if mapping.pose is not None:
             return read_poses(self.sources, mapping.pose, scans, self.anchor), None
         if mapping.track is not None and time is not None:

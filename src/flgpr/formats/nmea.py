@@ -164,6 +164,12 @@ HEADINGS: Mapping[str, int] = {"HDT": 0, "THS": 0, "PASHR": 1, "AVR": 1}
 """Sentences of a true heading, the first that a log holds is used, and the cell that states it."""
 
 
+def heading_time(sentence: Sentence) -> float:
+    """Return the time of a sentence of :data:`HEADINGS`, s of the day; NaN where it states none."""
+    has_time = HEADINGS[sentence.kind] > 0 and len(sentence.cells) > 0
+    return clock_time(sentence.cells[0]) if has_time else math.nan
+
+
 def heading_of(sentence: Sentence) -> float | None:
     """Return the true heading of a sentence of :data:`HEADINGS`, degrees; None if it has none.
 

@@ -17,6 +17,7 @@ from flgpr.formats.nmea import (
     Position,
     SentenceCounts,
     heading_of,
+    heading_time,
     position_of,
     sentences_of,
 )
@@ -240,11 +241,12 @@ def read_nmea(
         position = anchor.from_geodetic(places[is_later, 1:])
         if height is not None:
             position[:, 2] = height
-        heading = course(position)
         if log.headings:
-            stamp, angle = np.array(log.headings).T
+            stamp, angle = _in_order(log.headings, notes)
             in_lane = np.interp(time, stamp, np.unwrap(angle)) - anchor.azimuth
             heading = floats(np.angle(np.exp(1j * in_lane)))
+        else:
+            heading = course(position)
         track = make_track(time, position, heading)
 
     total = sum(log.qualities.values())
@@ -281,19 +283,18 @@ def _read_log(path: Path, quality: tuple[int, ...], notes: Notes) -> _NmeaLog:
                 without_fix += 1
                 continue
             qualities[position.quality] += 1
+            now = _continued(position.time, now)
             if position.quality in quality:
-                clock = position.time
-                if math.isfinite(now):  # it goes on over midnight
-                    clock += _DAY * math.floor(now / _DAY)
-                    clock += _DAY * (clock < now - _DAY / 2)
-                now = clock
                 fixes.append((now, position))
+            continue
+        heading = heading_of(sentence)
+        clock = heading_time(sentence)
+        if math.isfinite(clock):
+            now = _continued(clock, now)
+        if heading is None:
+            without_heading += 1
         elif math.isfinite(now):
-            heading = heading_of(sentence)
-            if heading is None:
-                without_heading += 1
-            else:
-                headings[sentence.kind].append((now, math.radians(heading)))
+            headings[sentence.kind].append((now, math.radians(heading)))
     notes += counts.notes(path.name)
     if without_fix:
         notes.append(f"{without_fix} GGA sentences tell no position or no time and are not used")
@@ -305,6 +306,23 @@ def _read_log(path: Path, quality: tuple[int, ...], notes: Notes) -> _NmeaLog:
     if len(stated) > 1:
         notes.append(f"headings are those of {stated[0]}; {', '.join(stated[1:])} are not used")
     return _NmeaLog(fixes, headings[stated[0]] if stated else [], qualities)
+
+
+def _continued(clock: float, now: float) -> float:
+    """Return a time of day, s, on the day that a log is at, or the next: it goes on over midnight."""
+    return clock + _DAY * round((now - clock) / _DAY) if math.isfinite(now) else clock
+
+
+def _in_order(headings: list[tuple[float, float]], notes: Notes) -> FloatArray:
+    """Return times and headings (2, fix) in order, the first of each time; count the others."""
+    stamp, angle = np.array(headings).T
+    stamp, first = np.unique(stamp, return_index=True)
+    if len(first) < len(headings):
+        notes.append(
+            f"{len(headings) - len(first)} of {len(headings)} headings state no time, or one that came "
+            "before, and are not used: the first after a position is that of its time"
+        )
+    return np.stack([stamp, angle[first]])
 
 
 def _places_of(
