@@ -91,3 +91,24 @@ def test_eight_bits_and_offsets_of_the_data(tmp_path):
         tmp_path / "b.dzt", small[:, None], data=2048
     )  # no multiple of 1024: channels tell
     np.testing.assert_array_equal(read_gpr(moved).traces[:, 0, 2:], small[:, 2:])
+
+
+def test_a_header_of_two_channels_before_traces_of_one(tmp_path):
+    """The second header has no room, and the traces are counted on."""
+    path = write_dzt(tmp_path / "a.dzt", COUNTS[:, None])
+    patched(path, (52, "<H", 2))
+    read = read_gpr(path)
+    np.testing.assert_array_equal(read.traces[:, 0, 2:], COUNTS[:, 2:])
+    np.testing.assert_allclose(read.distance, ALONG)
+    assert notes_with(read, "the header tells 2 channels, has no room for their headers")
+    assert not notes_with(read, "channel 1")
+
+
+def test_traces_whose_numbers_stand_twice_are_told(tmp_path):
+    both = write_dzt(tmp_path / "a.dzt", np.stack([COUNTS, -COUNTS], axis=1), names=("50400",) * 2)
+    raw = both.read_bytes()
+    path = tmp_path / "b.dzt"
+    path.write_bytes(raw[:1024] + raw[2048:])
+    patched(path, (52, "<H", 1), (2, "<H", 1))
+    assert notes_with(read_gpr(path), "every trace number stands 2 times")
+    assert not notes_with(read_gpr(both), "every trace number stands")

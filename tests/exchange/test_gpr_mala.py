@@ -94,6 +94,28 @@ def test_a_file_of_each_channel_stays_one_channel(tmp_path):
     assert any("recorders write that have a file for each" in note for note in read.history)
 
 
+def mala_of(path, counts, **entries):
+    write_mala(path, counts, **entries)
+    header = path.with_suffix(".RAD")
+    header.write_text(header.read_text().replace("NUMBER OF CH", "NUMBER_OF_CH"))
+    return read_gpr(path)
+
+
+def test_like_channels_come_apart_by_the_number_of_places(tmp_path):
+    many = {"NUMBER_OF_CH": 2, "LAST_TRACE": len(COUNTS)}
+    read = mala_of(tmp_path / "a.rd3", side_by_side(COUNTS, COUNTS), **many)
+    np.testing.assert_array_equal(read.traces[:, 1], COUNTS)
+    np.testing.assert_allclose(read.distance, ALONG)
+    assert not has_note(read, "LAST TRACE")
+
+
+def test_noise_in_a_file_of_one_channel_is_of_one_channel(tmp_path):
+    noise = np.random.default_rng(1).integers(-3000, 3000, COUNTS.shape)
+    read = mala_of(tmp_path / "line_C01.rd3", noise, **{"NUMBER_OF_CH": 2})
+    np.testing.assert_array_equal(read.traces[:, 0], noise)
+    assert has_note(read, "recorders write that have a file for each")
+
+
 def test_files_of_channels_share_positions_and_lie_side_by_side(tmp_path):
     """A file for each channel, positions common to all: the survey is as wide as the antennas."""
     sections = []

@@ -176,3 +176,17 @@ def test_a_changed_digit_of_a_cor_does_not_turn_the_line(bad, tmp_path):
     run = gpr_run(section, anchor=anchor)
     np.testing.assert_allclose(run["pose"].values[:, 0], 0, atol=1e-3)
     assert "lie aside of a way that goes on behind them" in "\n".join(run.attrs["import_notes"])
+
+
+def test_positions_name_the_traces_of_a_cut_line_by_their_own_numbers(tmp_path):
+    """The first 20 traces were cut away: the others keep their numbers, and so do the positions."""
+    path = write_dt1(tmp_path / "a.dt1", COUNTS)
+    set_dt1_words(path, "number", [21 + k for k in range(TRACES)])
+    named = np.arange(20, 20 + TRACES, 5)
+    lines = gps_lines(named, LATITUDE[named - 20], LONGITUDE[named - 20])
+    path.with_suffix(".gps").write_text(lines)
+    read = read_gpr(path)
+    np.testing.assert_array_equal(read.fixes[:, 0], named - 20)
+    assert notes_with(read, "the traces' own numbers begin at 21: the positions of a.gps are put")
+    set_dt1_words(path, "number", [1 + k for k in range(TRACES)])
+    np.testing.assert_array_equal(read_gpr(path).fixes[:, 0], named[named < TRACES])

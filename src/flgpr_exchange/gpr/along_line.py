@@ -221,12 +221,20 @@ def measured_clock(time: FloatArray, notes: Notes) -> FloatArray | None:
     return floats(rising)
 
 
-def interleaved_channels(traces: AnyArray, stated: int, entry: str, notes: Notes) -> AnyArray:
+def interleaved_channels(
+    traces: AnyArray,
+    stated: int,
+    entry: str,
+    notes: Notes,
+    places: float | None = None,
+    is_named_one: bool = False,
+) -> AnyArray:
     """Return traces (scan, channel, sample) of a file whose header states several channels.
 
-    Some recorders write the channels of a place one after the other, others a file for each. The
-    traces decide: side by side in one file, they change otherwise from the last channel to the next
-    place than from channel to channel.
+    Some recorders write the channels of a place one after the other, others a file for each. What
+    decides is the number of places that the header states, then the name of the file, then the
+    traces: side by side in one file, they change otherwise from the last channel to the next place
+    than from channel to channel.
 
     Parameters
     ----------
@@ -238,6 +246,10 @@ def interleaved_channels(traces: AnyArray, stated: int, entry: str, notes: Notes
         What states them, for the notes.
     notes : list of str
         Takes what was decided.
+    places : float, optional
+        Places, or traces, by the header.
+    is_named_one : bool
+        Whether the name of the file is that of one channel.
 
     Returns
     -------
@@ -251,7 +263,11 @@ def interleaved_channels(traces: AnyArray, stated: int, entry: str, notes: Notes
     """
     if stated < 2 or len(traces) < 2:
         return traces[:, None]
-    if len(traces) <= stated or not _change_by_channel(traces, stated):
+    are_places = places is not None and places * stated == len(traces)
+    is_one = is_named_one and places in (None, len(traces))
+    if not are_places and (
+        is_one or len(traces) <= stated or not _change_by_channel(traces, stated)
+    ):
         notes.append(
             f"{entry} tells {stated} channels; the traces are those of one, as recorders write "
             "that have a file for each"

@@ -30,6 +30,7 @@ from flgpr_exchange.gpr.positions import nmea_fixes, note_unread
 _HEADER = 1024  # bytes, of each channel
 _OLD_HEADER = 512  # bytes, of files older than that structure
 _MOST_CHANNELS = 4
+_COUNTED = 16  # traces whose numbers tell whether they are of one channel
 _MINI_XT = 14  # number of the system StructureScan Mini XT, whose antenna has no name (readgssi)
 _TYPES: dict[int, tuple[DTypeLike, float]] = {
     8: ("u1", 128.0),
@@ -75,6 +76,13 @@ def read_dzt(path: Path, limit: int, notes: Notes) -> Entries:
     if start == _OLD_HEADER and begin >= path.stat().st_size:
         begin = _OLD_HEADER
         notes.append(f"its header has {_OLD_HEADER} bytes, as old files have")
+    sample, offset = _TYPES[head["bits"]]
+    if channels > 1 and begin < _HEADER * channels and _counts_on(path, begin, sample, samples):
+        notes.append(
+            f"the header tells {channels} channels, has no room for their headers, and the traces' "
+            "own numbers go on from one to the next: they are read as one channel"
+        )
+        channels = 1
     # Headers that are not there are zero.
     whole = raw[: max(begin, _HEADER)].ljust(_MOST_CHANNELS * _HEADER, b"\0")
     heads = [
@@ -83,9 +91,11 @@ def read_dzt(path: Path, limit: int, notes: Notes) -> Entries:
     ]
     delays = _delays(heads, notes)
 
-    sample, offset = _TYPES[head["bits"]]
     record = np.dtype((sample, (channels, samples)))
     table = read_records(path, begin, record, None, notes, limit)
+    numbers = table[..., 0].astype(np.int64).ravel()
+    if channels == 1:
+        _note_repeated(numbers, notes)
     trace_words = table[:, 0, :2].astype(np.int64)
     traces = exact_floats(table, notes)
     traces -= offset  # counts of 8 and 16 bit have no sign
@@ -118,6 +128,24 @@ def read_dzt(path: Path, limit: int, notes: Notes) -> Entries:
         "marks": _marks(trace_words[:, 1], dzx, notes),
         "frequencies": _frequencies(heads, notes),
     }
+
+
+def _counts_on(path: Path, begin: int, sample: DTypeLike, samples: int) -> bool:
+    """Return whether the first traces are numbered one after the other, whatever the channel."""
+    record = np.dtype((sample, (samples,)))
+    raw = first_bytes(path, _COUNTED * record.itemsize, begin)
+    traces = np.frombuffer(raw, record.base)[: len(raw) // record.itemsize * samples]
+    return bool((np.diff(traces[::samples].astype(np.int64)) == 1).all()) and traces.size > samples
+
+
+def _note_repeated(numbers: IntArray, notes: Notes) -> None:
+    """Note where every number of a trace stands several times, as those of channels do."""
+    times = np.unique(np.unique(numbers, return_counts=True)[1])
+    if times.size == 1 and 1 < times[0] <= _MOST_CHANNELS and (np.diff(numbers) >= 0).all():
+        notes.append(
+            f"every trace number stands {times[0]} times, as those of {times[0]} channels do, and "
+            "the header tells 1: they are read as traces of one, and the line may be too long"
+        )
 
 
 def _check_head(head: Entries, notes: Notes) -> None:

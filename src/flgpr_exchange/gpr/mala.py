@@ -22,7 +22,7 @@ from flgpr_exchange.gpr.parts import (
     read_header,
     read_records,
 )
-from flgpr_exchange.gpr.positions import cor_fixes, find_cor, note_unread
+from flgpr_exchange.gpr.positions import CHANNEL_OF_NAME, cor_fixes, find_cor, note_unread
 
 _MICROSECOND = 1e-6
 
@@ -82,9 +82,18 @@ def _read(path: Path, limit: int, maker: _Maker, bits: float | None, notes: Note
         elif bits not in (16, 32):
             raise ValueError(f"{head.path.name}: DATA VERSION must be 16 or 32, got {bits:g}")
     record = np.dtype(("<i4" if bits == 32 else "<i2", samples))
-    table = read_records(path, 0, record, head.number("LAST TRACE", 0, 1e9), notes, limit)
+    last = head.number("LAST TRACE", 0, 1e9)
     many = int(head.number(maker.channels, 0, 4096) or 1)
-    traces = interleaved_channels(exact_floats(table, notes), many, maker.channels, notes)
+    are_places = last is not None and last * many * record.itemsize == path.stat().st_size
+    table = read_records(path, 0, record, None if are_places else last, notes, limit)
+    traces = interleaved_channels(
+        exact_floats(table, notes),
+        many,
+        maker.channels,
+        notes,
+        last,
+        CHANNEL_OF_NAME.fullmatch(path.stem) is not None,
+    )
     count = len(traces)
 
     name, step = _step(head, maker, notes)

@@ -28,7 +28,7 @@ from flgpr.types import ArrayLike, BoolArray, FloatArray, Notes, floats
 from flgpr_exchange.gpr.along_line import DAY
 from flgpr_exchange.gpr.parts import find_companion, is_header_line, note_count, read_companion
 
-_CHANNEL_OF_NAME = re.compile(r"(.+)_[A-Za-z]?\d{1,3}")
+CHANNEL_OF_NAME = re.compile(r"(.+)_[A-Za-z]?\d{1,3}")
 """A file of one channel of several, such as line_A03, whose positions may lie in line.cor."""
 _TRACE = re.compile(r"\s*Trace\s*#\s*(\d{1,9})", re.IGNORECASE)
 _SCAN = re.compile(r"\s*\$GSSIS,(\d{1,9})")
@@ -160,7 +160,7 @@ def find_cor(path: Path, notes: Notes) -> Path | None:
         The file; None if there is none.
     """
     own = find_companion(path, ".cor")
-    line = _CHANNEL_OF_NAME.fullmatch(path.stem)
+    line = CHANNEL_OF_NAME.fullmatch(path.stem)
     if own is not None or line is None:
         return own
     common = find_companion(path.with_name(line[1] + path.suffix), ".cor")
@@ -281,7 +281,8 @@ def settle_fixes(
 ) -> Fixes:
     """Return the positions that lie on the Earth and on a trace, the first of each trace.
 
-    Where the trace numbers of a file begin anew, lines were merged: then a position belongs to the
+    Traces that were cut out of a line keep their own numbers, to which the positions belong. Where
+    the trace numbers of a file begin anew, lines were merged: then a position belongs to the
     trace of its own line, if the traces' own numbers begin anew as often. Otherwise those from
     there on are left out.
 
@@ -304,7 +305,9 @@ def settle_fixes(
         The positions that are used.
     """
     stated = floats(fixes).reshape(-1, 5)
-    table = _on_own_lines(stated, notes, name, numbers)
+    table = _on_cut_line(stated, notes, name, numbers)
+    if table is stated:
+        table = _on_own_lines(stated, notes, name, numbers)
     table = table[_on_earth(table, count, len(stated), notes)]
     # Times of the day are counted on where they pass midnight.
     known = np.flatnonzero(np.isfinite(table[:, 4]))
@@ -340,6 +343,29 @@ def _on_earth(table: FloatArray, count: int, total: int, notes: Notes) -> BoolAr
     usable &= ~(np.abs(height) >= _LARGEST_HEIGHT)  # an unknown height, NaN, is allowed
     note_count(notes, ~(usable | at_zero), f"{left_out}: no place on the Earth, or no trace")
     return usable & ~at_zero
+
+
+def _on_cut_line(
+    table: FloatArray, notes: Notes, name: str, numbers: NDArray[np.integer] | None
+) -> FloatArray:
+    """Return positions (fix, 5) on the traces whose own numbers they name.
+
+    That is where these rise, do not begin at 1, and more of them are named than traces by place.
+    """
+    if numbers is None or numbers.size < 2 or numbers[0] <= 1 or (np.diff(numbers) <= 0).any():
+        return table
+    named = table[:, 0] + 1
+    index = np.searchsorted(numbers, named)
+    is_there = numbers[np.minimum(index, numbers.size - 1)] == named
+    if np.count_nonzero(is_there) <= np.count_nonzero((named >= 1) & (named <= numbers.size)):
+        return table
+    notes.append(
+        f"the traces' own numbers begin at {numbers[0]}: the positions of {name} are put on the "
+        "traces of the numbers that they name"
+    )
+    placed = table.copy()
+    placed[:, 0] = np.where(is_there, index, np.nan)
+    return placed
 
 
 def _on_own_lines(
