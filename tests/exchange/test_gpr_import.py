@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flgpr.formats import gpr_run, read_gpr
+from flgpr.formats import channels_run, gpr_run, read_gpr
 from flgpr.geo import fit_anchor
+from flgpr_exchange.commands.imports import import_gpr
 from io_geodesy import LANE, on_the_ellipsoid
 from io_gpr import (
     INTERVAL,
@@ -23,6 +24,7 @@ from io_gpr import (
     write_mala,
     write_segy,
 )
+from io_recordings import patched
 
 COUNTS = section()
 
@@ -145,3 +147,35 @@ def test_an_antenna_that_the_sampling_cannot_hold_makes_no_band(tmp_path):
         "all that is recorded, which hardly holds any of the antenna's" in note for note in notes
     )
     assert np.ptp(run["frequency"].values) > 50e6
+
+
+def test_channels_that_differ_in_time_zero_alone_go_together(tmp_path):
+    """5.2 ns in place of 4: the windows are equal, and the tones but for their rounding."""
+    path = write_dzt(tmp_path / "a.dzt", np.stack([COUNTS, COUNTS], axis=1), names=("50400",) * 2)
+    patched(path, (1024 + 22, "<f", -5.2))
+    run = channels_run(read_gpr(path))
+    assert run.sizes["pair"] == 2
+
+
+def test_distances_along_the_line_do_not_go_with_places_on_the_earth(tmp_path):
+    path = write_dt1(tmp_path / "a.dt1", COUNTS)
+    with pytest.raises(ValueError, match=r"mark-spacing .*an anchor puts the traces: give one"):
+        import_gpr(path, tmp_path / "o.zarr", anchor_from_track=True, mark_spacing=1.0)
+    anchor = fit_anchor(LANE, on_the_ellipsoid(LANE), "EPSG:4326", 0.02, [0.0] * 4)
+    with pytest.raises(ValueError, match=r"step .*an anchor puts the traces .*got step 0\.1 m"):
+        gpr_run(read_gpr(path), step=0.1, anchor=anchor)
+
+
+def test_two_ways_to_tell_distances_are_refused(tmp_path):
+    path = write_dt1(tmp_path / "a.dt1", COUNTS)
+    with pytest.raises(ValueError, match="step puts the traces, too: give one"):
+        import_gpr(path, tmp_path / "o.zarr", step=0.1, mark_spacing=1.0)
+
+
+def test_an_anchor_without_positions_says_what_became_of_them(tmp_path):
+    path = write_mala(tmp_path / "a.rd3", COUNTS)
+    rows = [f"{k + 1}\t2026-01-02\t10:00:00\tno place\tN\t11\tE\t5" for k in range(9)]
+    path.with_suffix(".cor").write_text("\n".join(rows))
+    anchor = fit_anchor(LANE, on_the_ellipsoid(LANE), "EPSG:4326", 0.02, [0.0] * 4)
+    with pytest.raises(ValueError, match=r"got 0; 9 of 9 lines of a\.cor were not understood"):
+        gpr_run(read_gpr(path), anchor=anchor)

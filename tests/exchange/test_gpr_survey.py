@@ -70,3 +70,35 @@ def test_lines_that_nothing_places_or_that_differ_are_refused(lines):
     other = replace(lines[1], delay=2 * lines[1].delay)
     with pytest.raises(ValueError, match=r"another frequency than line0\.dt1"):
         survey_run([lines[0], other], LineLayout(spacing=0.5))
+
+
+def test_lines_that_differ_in_time_zero_alone_go_together(lines):
+    later = replace(lines[1], delay=lines[1].delay - 3.3 * (lines[1].delay[1] - lines[1].delay[0]))
+    run = survey_run([lines[0], later], LineLayout(spacing=0.25))
+    apart = [survey_run([line]) for line in (lines[0], later)]
+    for k, one in enumerate(apart):
+        own = run.isel(scan=slice(8 * k, 8 * k + 8))["signal"]
+        np.testing.assert_allclose(own, one["signal"], atol=1e-6 * np.abs(one["signal"]).max())
+
+
+def test_lines_with_other_antennas_are_refused_in_words(lines):
+    wider = replace(lines[1], separation=2 * lines[0].separation)
+    with pytest.raises(
+        ValueError,
+        match=r"line1\.dt1: lines of a survey must have the same antennas, its tx_position is",
+    ):
+        survey_run([lines[0], wider], LineLayout(spacing=0.25))
+    survey_run([lines[0], wider], LineLayout(spacing=0.25), separation=0.3)
+
+
+def test_offsets_of_headers_beside_a_spacing_are_told(lines):
+    placed = [
+        replace(line, offsets=np.array([[x, 0.0]]))
+        for line, x in zip(lines, (-0.3, 0.3), strict=False)
+    ]
+    run = survey_run(placed, LineLayout(spacing=0.6))
+    np.testing.assert_allclose(run["pose"].values[::8, 0], [-0.3, 0.9])
+    told = "\n".join(run.attrs["import_notes"])
+    assert "line1.dt1: it lies 0.3 m across and 0 m along from there, where the header" in told
+    beside = survey_run(placed).attrs["import_notes"]
+    assert not any("it lies" in note for note in beside)

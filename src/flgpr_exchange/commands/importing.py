@@ -90,6 +90,13 @@ def import_lines(
     if len(paths) == 1 and positions.line_spacing is not None:
         raise ValueError("line-spacing and zigzag are of several lines, got one")
 
+    has_anchor = positions.anchor is not None or positions.anchor_from_track
+    if positions.mark_spacing is not None and (has_anchor or headers.get("step") is not None):
+        other = "an anchor puts the traces" if has_anchor else "step puts the traces, too"
+        raise ValueError(
+            f"mark-spacing puts the traces along the line by its marks, {other}: give one"
+        )
+
     sections = [read_gpr(path, max_memory) for path in paths]
     first = sections[0]
     if positions.mark_spacing is not None:

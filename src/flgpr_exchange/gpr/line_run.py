@@ -408,9 +408,8 @@ def channels_run(
     if options.get("band") is None:
         options["band"] = common_band(section)
     runs = [gpr_run(section, channel, **options) for channel in range(count)]
-    tones = runs[0]["frequency"].values
-    for channel, run in enumerate(runs):
-        if not np.array_equal(run["frequency"].values, tones):
+    for channel in range(count):
+        if not share_tones(runs, channel):
             raise ValueError(
                 f"{section.path}: channels of one run must have one time window, channel {channel} "
                 "has another than channel 0: import them apart, with `channel` 0 and "
@@ -434,6 +433,21 @@ def channels_run(
         runs, dim="pair", data_vars="minimal", coords="minimal", compat="equals", join="exact"
     )
     return merged.assign_attrs(import_notes=kept)
+
+
+def share_tones(runs: list[xr.Dataset], number: int) -> bool:
+    """Give a run the very tones of the first, if its own are these but for their rounding.
+
+    Returns
+    -------
+    bool
+        Whether they are.
+    """
+    first, own = runs[0]["frequency"].values, runs[number]["frequency"].values
+    if first.shape != own.shape or not np.allclose(own, first, rtol=1e-9, atol=0):
+        return False
+    runs[number] = runs[number].assign_coords(frequency=first)
+    return True
 
 
 def preview_run(path: str | Path, max_memory: int = MAX_MEMORY) -> xr.Dataset:

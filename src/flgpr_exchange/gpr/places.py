@@ -18,6 +18,7 @@ from flgpr_exchange.gpr.parts import note_count
 
 _MOST_HEADINGS = 4000  # fixes of a course, whose computation takes the square of their number
 _LISTED = 3  # fixes that are named
+_OF_FIXES = ("position", "lines of", "sentences of")  # in notes that tell what became of fixes
 _EARTH = 6_371_000.0  # m, its mean radius
 _LEVEL = 0.01  # m of height, that are none
 _CLOSE = 20.0  # m that the path of a receiver without corrections may be off
@@ -62,6 +63,11 @@ def trace_poses(
         If positions, heights or distances that are needed are missing.
     """
     if anchor is not None:
+        if step is not None:
+            raise ValueError(
+                "step tells distances along the line, an anchor puts the traces on the satellite "
+                f"receiver's positions: give one, got step {step:g} m and an anchor"
+            )
         return _poses_by_fixes(section, height, anchor, topography, notes)
     if topography:
         raise ValueError(
@@ -91,9 +97,10 @@ def _poses_by_fixes(
 ) -> tuple[IntArray, FloatArray]:
     """Return the traces between the receiver's first and last position, and their poses."""
     if len(section.fixes) < 2:
+        reasons = [note for note in section.history if any(word in note for word in _OF_FIXES)]
         raise ValueError(
             f"{section.path}: an anchor needs positions of two traces or more, "
-            f"got {len(section.fixes)}"
+            f"got {'; '.join([str(len(section.fixes)), *reasons])}"
         )
     position = anchor.from_geodetic(section.fixes[:, 1:])
     ground = position[:, 2].copy()

@@ -127,10 +127,13 @@ def nmea_fixes(
         note_count(notes, number, f"{of_all} are {quality}: they are used")
     note_count(notes, without_trace, f"positions of {name} name no trace and are not used")
     notes += counts.notes(name)
-    if fixes["RMC"] and not fixes["GGA"]:
-        notes.append(f"{name} holds RMC sentences alone, which tell no height")
     # RMC would add the same positions once more, without a height.
-    return settle_fixes(fixes["GGA"] or fixes["RMC"], count, notes, name, numbers)
+    used, others = fixes["GGA"], fixes["RMC"]
+    if len(used) < min(2, len(others)):
+        beside = "and a single GGA, which is not used" if used else "alone"
+        notes.append(f"{name} holds RMC sentences {beside}, which tell no height")
+        used = others
+    return settle_fixes(used, count, notes, name, numbers)
 
 
 def _companion_text(path: Path | None, notes: Notes) -> str | None:

@@ -16,7 +16,7 @@ from flgpr.geo.anchor import Anchor
 from flgpr.model import LINE_STARTS
 from flgpr.store.tables import read_columns
 from flgpr.types import FloatArray, Notes, floats
-from flgpr_exchange.gpr.line_run import ReasonedBand, channels_run, common_band
+from flgpr_exchange.gpr.line_run import ReasonedBand, channels_run, common_band, share_tones
 
 _CLOSE = 0.02  # of a line's length, by which the distance of its ends may differ from it
 
@@ -181,11 +181,11 @@ def survey_run(
 
     runs = [channels_run(section, anchor=anchor, **options) for section in sections]
     first = runs[0]
-    for section, run in zip(sections, runs, strict=True):
+    for number, section in enumerate(sections):
         differing = None
-        if not np.array_equal(run["frequency"].values, first["frequency"].values):
+        if not share_tones(runs, number):
             differing = "frequency"
-        elif run.sizes["pair"] != first.sizes["pair"]:
+        elif runs[number].sizes["pair"] != first.sizes["pair"]:
             differing = "pair"
         if differing is not None:
             raise ValueError(
@@ -196,7 +196,8 @@ def survey_run(
     names = [section.path.name for section in sections]
     notes = _place_lines(runs, names, layout) if anchor is None else []
     for section, run in zip(sections, runs, strict=True):
-        _carry_offset(section, run)
+        notes += _carry_offset(section, run, layout)
+    _check_antennas(sections, runs)
     notes += _without_clocks(runs)
     starts = np.cumsum([0, *(run.sizes["scan"] for run in runs[:-1])]).tolist()
     for name, run in zip(names, runs, strict=True):
@@ -214,13 +215,28 @@ def survey_run(
     return merged.assign_attrs(attrs)
 
 
-def _carry_offset(section: GprSection, run: xr.Dataset) -> None:
+def _check_antennas(sections: Sequence[GprSection], runs: Sequence[xr.Dataset]) -> None:
+    """Refuse lines whose antennas are not those of the first: a survey is one run."""
+    for section, run in zip(sections, runs, strict=True):
+        for name in ("tx_position", "rx_position"):
+            if not np.allclose(run[name].values, runs[0][name].values, rtol=0, atol=1e-9):
+                own, others = (np.round(one[name].values, 6).tolist() for one in (run, runs[0]))
+                raise ValueError(
+                    f"{section.path}: lines of a survey must have the same antennas, its "
+                    f"{name} is {own} m, that of {sections[0].path.name} {others} m: give one "
+                    "separation, or import them apart"
+                )
+            run[name].values[:] = runs[0][name].values
+
+
+def _carry_offset(section: GprSection, run: xr.Dataset, layout: LineLayout) -> list[str]:
     """Move the poses of a line of one channel by its antennas' offset, which becomes zero.
 
-    Lines of a survey share the positions of their antennas in the vehicle.
+    Lines of a survey share the positions of their antennas in the vehicle. Returned is a note where
+    the line had a place already.
     """
     if section.offsets is None or section.traces.shape[1] > 1:
-        return
+        return []
     across, along = section.offsets[0]
     pose = run["pose"].values
     heading = pose[:, 3]
@@ -228,6 +244,12 @@ def _carry_offset(section: GprSection, run: xr.Dataset) -> None:
     pose[:, 1] += along * np.cos(heading) - across * np.sin(heading)
     for name in ("tx_position", "rx_position"):
         run[name].values[:, :2] -= section.offsets[0]
+    if layout.spacing is None and layout.ends is None:
+        return []
+    return [
+        f"{section.path.name}: it lies {across:g} m across and {along:g} m along from there, where "
+        "the header puts its antennas"
+    ]
 
 
 def _without_clocks(runs: list[xr.Dataset]) -> list[str]:
