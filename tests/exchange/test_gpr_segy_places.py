@@ -165,3 +165,56 @@ def test_channels_that_trace_headers_count_come_apart(tmp_path):
     np.testing.assert_array_equal(read.traces[:, 0], COUNTS)
     np.testing.assert_array_equal(read.traces[:, 1], -2 * COUNTS)
     np.testing.assert_allclose(read.distance, ALONG)
+
+
+def test_channels_of_trace_headers_have_places_and_separations_of_their_own(tmp_path):
+    """Channel 0 is 0.25 m to the left of the course and 0.25 m long, channel 1 the mirror, 0.6 m."""
+    both = np.stack([COUNTS, -2 * COUNTS], axis=1).reshape(2 * TRACES, -1)
+    place = [(-25 if k % 2 == 0 else 25, round(100 * STEP * (k // 2))) for k in range(2 * TRACES)]
+    path = write_segy(tmp_path / "a.seg", both, code=2, place=place)
+    segy_words(
+        path,
+        2 * TRACES,
+        width=4,
+        record=(8, ">i", lambda k: 1 + k // 2),
+        channel=(12, ">i", lambda k: 1 + k % 2),
+        offset=(36, ">i", lambda k: 25 if k % 2 == 0 else 60),
+    )
+    read = read_gpr(path)
+    np.testing.assert_allclose(read.offsets, [[-0.25, 0], [0.25, 0]], atol=1e-12)
+    np.testing.assert_allclose(read.distance, ALONG, atol=1e-9)
+    assert read.separation == pytest.approx(0.25)
+    assert notes_with(read, "antennas of channel 1 are 0.6 m apart, those of channel 0 0.25 m")
+    assert not notes_with(read, "is no common-offset line")
+
+
+def test_degrees_whose_unit_says_lengths_place_a_line(tmp_path):
+    path = write_segy(tmp_path / "a.sgy", COUNTS, scalar=1)
+    words = float_words(x=(72, lambda k: 11 + 2e-5 * k), y=(76, lambda k: 48.0))
+    segy_words(path, TRACES, **words)
+    read = read_gpr(path)
+    assert read.distance is None
+    np.testing.assert_allclose(read.fixes[:, 1], 11 + 2e-5 * np.arange(TRACES), atol=1e-6)
+    assert notes_with(read, "are taken as degrees, though their unit is 1: as lengths all traces")
+
+
+@pytest.mark.parametrize("kind", ["noise", "whole decimetres"])
+def test_coordinates_that_scatter_do_not_make_a_straight_line_longer(kind, tmp_path):
+    """5 cm from trace to trace, at 30 degrees to the grid: 2.7 m."""
+    count = 4 * TRACES
+    along = 0.05 * np.arange(count)
+    xy = along[:, None] * [np.cos(np.pi / 6), np.sin(np.pi / 6)]
+    xy = (
+        np.round(xy, 1)
+        if kind != "noise"
+        else xy + np.random.default_rng(1).normal(0, 0.02, xy.shape)
+    )
+    place = [(round(100 * x), round(100 * y)) for x, y in xy]
+    path = write_segy(tmp_path / "a.sgy", np.tile(COUNTS, (4, 1)), place=place)
+    read = read_gpr(path)
+    assert np.abs(read.distance - along).max() < 0.12
+    assert notes_with(read, "distances are those along the straight course")
+    bent = [(x, y + 3 * k) for k, (x, y) in enumerate(place)]
+    bent = [(x, y if k < count / 2 else -y) for k, (x, y) in enumerate(bent)]
+    crooked = read_gpr(write_segy(tmp_path / "b.sgy", np.tile(COUNTS, (4, 1)), place=bent))
+    assert notes_with(crooked, "the former is taken, for the line is not straight")

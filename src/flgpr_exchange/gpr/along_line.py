@@ -17,6 +17,9 @@ _FARTHEST_APART = 1000.0  # m, of two antennas in a gather
 _MOST_COMPARED = 2000  # traces, by which it is decided whether they are of several channels
 _ALIKE = 1.5  # times that changes from trace to trace differ within one channel, at most
 _USUAL_JUMP = 20.0  # times the usual step, from which on a step is a jump that is noted
+_EVERY = 10  # traces over which the way is compared with that from trace to trace
+_SCATTER = 1.05  # times as long as the former, from where on coordinates scatter
+_STRAIGHT = 0.02  # of its length, by which a straight line lies aside of its course
 _LEAST_JUMP = 1.0  # m, and at least this
 
 
@@ -120,10 +123,36 @@ def way_along(positions: FloatArray, what: str, notes: Notes) -> FloatArray | No
     (trace,) ndarray or None
         The distance, see :func:`measured_distance`.
     """
-    steps = np.hypot(*np.diff(positions[:, :2], axis=0).T)
     notes.append(f"the distance along the line is that of the traces' coordinates, {what}")
-    distance = np.append(0.0, steps.cumsum())
+    distance = np.append(0.0, np.hypot(*np.diff(positions[:, :2], axis=0).T).cumsum())
+    if len(positions) > _EVERY:
+        distance = _without_scatter(positions[:, :2], distance, notes)
     return measured_distance(distance, None, "distances from trace to trace", "the header", notes)
+
+
+def _without_scatter(positions: FloatArray, way: FloatArray, notes: Notes) -> FloatArray:
+    """Return the way (trace,) along positions (trace, 2), m, along the course where they scatter.
+
+    Errors and coarse steps of coordinates make the way from trace to trace longer than the line. A
+    straight line that does not turn round is measured along its course.
+    """
+    coarse = np.append(np.arange(0, len(way), _EVERY), len(way) - 1)
+    shorter = float(np.hypot(*np.diff(positions[coarse], axis=0).T).sum())
+    if way[-1] <= _SCATTER * shorter:
+        return way
+    from_first = positions - positions[0]
+    course = np.linalg.svd(positions - positions.mean(axis=0), full_matrices=False)[2][0]
+    along = from_first @ (course * (np.sign(from_first[-1] @ course) or 1.0))
+    aside = np.std(from_first @ [course[1], -course[0]])
+    too_long = (
+        f"the coordinates scatter: from trace to trace the way is {way[-1]:.4g} m, from every "
+        f"{_EVERY}th to the next {shorter:.4g} m"
+    )
+    if aside > _STRAIGHT * np.ptp(along) or (np.diff(along[coarse[:-1]]) < 0).any():
+        notes.append(f"{too_long}; the former is taken, for the line is not straight")
+        return way
+    notes.append(f"{too_long}; distances are those along the straight course, {along[-1]:.4g} m")
+    return floats(along)
 
 
 def between_neighbours(values: FloatArray, usable: BoolArray) -> FloatArray:

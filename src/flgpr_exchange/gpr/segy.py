@@ -29,7 +29,7 @@ from flgpr_exchange.gpr.parts import (
     read_records,
     words_type,
 )
-from flgpr_exchange.gpr.segy_places import geometry_of
+from flgpr_exchange.gpr.segy_places import geometry_of_channels
 
 HEAD = 3600  # bytes of the text header and the binary header
 TRACE_HEAD = 240  # bytes
@@ -372,18 +372,18 @@ def _entries(
     ``stated`` are the traces of an ensemble by the binary header, ``metre`` the unit of lengths.
     """
     traces = exact_floats(_ibm(table["samples"]) if is_ibm else table["samples"], notes)
-    _check_trace_headers(table, traces.shape[1], interval, notes)
+    counted = _channels_of(table)
+    _check_trace_headers(table, counted or 1, traces.shape[1], interval, notes)
     dead = np.isin(table["identification"], _DEAD)
     traces[dead] = np.nan
     note_count(notes, dead, "traces without data, as their headers say (dead or dummy)")
-    counted = _channels_of(table)
     by_channel = interleaved_channels(
         traces, counted or stated, "the count of an ensemble's traces", notes
     )
     if counted:
         by_channel = traces.reshape(-1, counted, traces.shape[1])
     channels = by_channel.shape[1]
-    geometry = geometry_of(table[::channels][: len(by_channel)], metre, notes)
+    geometry = geometry_of_channels(table, channels, metre, notes)
     return {
         "traces": by_channel,
         "delay": np.arange(traces.shape[1]) * interval,
@@ -404,7 +404,9 @@ def _channels_of(table: AnyArray) -> int:
     return count if is_one_record and (channel == expected).all() else 0
 
 
-def _check_trace_headers(table: AnyArray, samples: int, interval: float, notes: Notes) -> None:
+def _check_trace_headers(
+    table: AnyArray, channels: int, samples: int, interval: float, notes: Notes
+) -> None:
     """Add notes of what the trace headers state otherwise, and of what of it is not applied.
 
     ``interval`` is in s.
@@ -432,7 +434,7 @@ def _check_trace_headers(table: AnyArray, samples: int, interval: float, notes: 
     if weighted:
         notes.append(f"the weighting factors of {weighted} traces (bytes 169-170) are not applied")
     offset = table["offset"].astype(np.float64)
-    if np.ptp(offset) > 0:
+    if np.ptp(offset.reshape(-1, channels), axis=0).any():
         notes.append(
             "the distance from source to receiver (bytes 37-40) goes from "
             f"{offset.min():g} to {offset.max():g}: it is not used, and a gather whose antennas "

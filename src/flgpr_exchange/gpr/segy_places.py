@@ -23,6 +23,9 @@ _FLOATS = (1e-3, 1e8)  # sizes of coordinates that are written as floats
 _SEPARATIONS = (0.005, 20.0)  # m, that the distance from source to receiver may be
 _LONGEST_SEPARATION = 100.0  # m, of two antennas
 _SPREAD = 0.1  # share of the mean separation by which constant ones may differ
+_DEGREES = 3  # code of that unit
+_STANDING = 1e-3  # m from trace to trace, that no line of traces has
+_LEAST_OFFSET = 1e-3  # m, of a channel's antennas
 _FAR = 10  # extents of a line; 0, 0 at more than so many from it is no place on it
 
 
@@ -32,7 +35,58 @@ class HeaderGeometry(NamedTuple):
     distance: FloatArray | None = None  # (trace,) along the line, m
     fixes: Fixes = Fixes()
     separation: float | None = None  # of the antennas, m
+    offsets: FloatArray | None = None  # (channel, 2) of their middles across and along, m
     gather: str = ""  # what a survey is whose antennas move apart
+
+
+def geometry_of_channels(
+    table: AnyArray, channels: int, metre: float, notes: Notes
+) -> HeaderGeometry:
+    """Return where the traces of several channels are, one after the other in every record.
+
+    Places along the line are those of the first channel. Where the antennas of one are elsewhere,
+    or otherwise apart, is told.
+
+    Parameters
+    ----------
+    table : (trace,) ndarray of records
+        As for :func:`geometry_of`, all channels.
+    channels : int
+        Their number.
+    metre, notes
+        As for :func:`geometry_of`.
+
+    Returns
+    -------
+    HeaderGeometry
+        That of the first channel, with the offsets of all.
+    """
+    records = len(table) // channels * channels
+    tables = [table[:records][channel::channels] for channel in range(channels)]
+    placed = geometry_of(tables[0], metre, notes)
+    for channel, own in enumerate(tables[1:], 1):
+        separation = geometry_of(own, metre, []).separation
+        if separation is not None and separation != placed.separation:
+            first = "unknown" if placed.separation is None else f"{placed.separation:g} m"
+            notes.append(
+                f"antennas of channel {channel} are {separation:g} m apart, those of channel 0 "
+                f"{first}, which is taken for all: import the channels apart, each with its separation"
+            )
+    if placed.distance is None:
+        return placed
+    name = next(
+        name for name in _COORDINATES if np.ptp(_coordinates(tables[0], name), axis=0).any()
+    )
+    points = np.stack([_coordinates(one, name) * metre for one in tables])
+    course = points[0, -1] - points[0, 0]
+    course /= np.hypot(*course) or 1.0
+    from_middle = (points - points.mean(axis=0)).mean(axis=1)
+    offsets = np.stack([from_middle @ [course[1], -course[0]], from_middle @ course], axis=1)
+    if np.abs(offsets).max() < _LEAST_OFFSET:
+        return placed
+    x = ", ".join(f"{value:.3g}" for value in offsets[:, 0])
+    notes.append(f"antennas of the channels are put {x} m across, by the {_COORDINATES[name]}")
+    return placed._replace(offsets=offsets)
 
 
 def geometry_of(table: AnyArray, metre: float, notes: Notes) -> HeaderGeometry:
@@ -116,6 +170,12 @@ def _line_geometry(table: AnyArray, metre: float, notes: Notes) -> HeaderGeometr
         return HeaderGeometry()
 
     unit = int(units[0])
+    if unit not in _LARGEST_ANGLE and _are_degrees(points * metre):
+        notes.append(
+            f"the {_COORDINATES[name]} are taken as degrees, though their unit is {unit}: as lengths "
+            f"all traces would lie within {np.ptp(points, axis=0).max() * metre:.2g} m"
+        )
+        unit = _DEGREES
     if unit in _LARGEST_ANGLE:
         notes.append(f"the positions are the {_COORDINATES[name]} of the traces")
         fixes = np.full((len(points), 5), np.nan)  # neither heights nor times are known
@@ -133,6 +193,17 @@ def _line_geometry(table: AnyArray, metre: float, notes: Notes) -> HeaderGeometr
         if other != name and not gives_separation:
             notes.append(f"the {_COORDINATES[other]} are not used")
     return HeaderGeometry(settled, Fixes(), separation)
+
+
+def _are_degrees(points: FloatArray) -> bool:
+    """Return whether points (trace, 2), m, are longitude and latitude rather than lengths.
+
+    As lengths they stand still; as degrees they go at the pace of traces.
+    """
+    longitude, latitude = np.abs(points).max(axis=0)
+    step = float(np.median(np.hypot(*np.diff(points, axis=0).T))) if len(points) > 1 else 0.0
+    is_far = np.abs(points).max() > _STANDING * len(points)
+    return bool(longitude <= 180 and latitude <= 90 and is_far and 0 < step < _STANDING / 10)
 
 
 def _scale_of(table: AnyArray) -> FloatArray:
