@@ -76,6 +76,43 @@ def test_a_phase_taken_for_an_imaginary_part_is_told(unit, tmp_path):
     assert not [note for note in notes if "one sign" in note]
 
 
+@pytest.mark.parametrize("kind", ["one array", "an axis"])
+def test_decibels_and_degrees_in_complex_numbers_are_told(kind, tmp_path):
+    parts = np.stack([DECIBELS, np.angle(SIGNAL, deg=True)], axis=-1)
+    if kind == "one array":
+        notes = imported(
+            tmp_path, 'variable = "m"', {"m": parts[..., 0] + 1j * parts[..., 1]}
+        ).notes
+    else:
+        dims = '["scan", "frequency", "complex"]'
+        notes = imported(tmp_path, 'variable = "m"', {"m": parts}, dims).notes
+    assert [note for note in notes if "a phase in degrees?" in note]
+    assert not [
+        note for note in imported(tmp_path, 'variable = "m"', {"m": SIGNAL}).notes if "?" in note
+    ]
+
+
+@pytest.mark.parametrize(
+    ("magnitude", "values", "stated", "words"),
+    [
+        ("dB", DECIBELS, "deg", "phase_unit is deg, and phases reach 3.1"),
+        ("dB", DECIBELS, "rad", "phase_unit is rad, and phases reach 1"),
+        (
+            "linear",
+            DECIBELS,
+            "",
+            "signal.magnitude is linear, and 100% of the magnitudes are negative",
+        ),
+    ],
+)
+def test_magnitudes_and_phases_of_another_unit_are_told(magnitude, values, stated, words, tmp_path):
+    in_degrees = stated != "deg"
+    unit = stated or "deg"
+    arrays = {"m": values, "p": np.angle(SIGNAL, deg=in_degrees)}
+    entries = f'variable = "m"\nmagnitude = "{magnitude}"\nphase = "p"\nphase_unit = "{unit}"'
+    assert [note for note in imported(tmp_path, entries, arrays).notes if words in note]
+
+
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_an_axis_of_real_and_imaginary_parts(axis, tmp_path):
     parts = np.stack([SIGNAL.real, SIGNAL.imag], axis=axis)

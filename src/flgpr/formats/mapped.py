@@ -263,11 +263,11 @@ class _Importer:
         if spec.imaginary is not None:
             imaginary = self.sources.arrays(spec.file, spec.imaginary, "signal.imaginary")
             _same_shape(blocks, imaginary, "signal.imaginary")
-            self._note_polar(blocks, imaginary)
             blocks = [a + 1j * b for a, b in zip(blocks, imaginary, strict=True)]
         if spec.phase is not None:
             phases = self.sources.arrays(spec.file, spec.phase, "signal.phase")
             _same_shape(blocks, phases, "signal.phase")
+            self._note_kinds(blocks, phases, spec)
             blocks = [_of_polar(a, b, spec) for a, b in zip(blocks, phases, strict=True)]
         if spec.interleaved:
             blocks = [_complex(block) for block in blocks]
@@ -283,24 +283,37 @@ class _Importer:
                 'linear) with phase and phase_unit; interleaved = true, or "complex" in dims, where '
                 "real and imaginary parts are one array"
             )
+        if spec.phase is None and not is_real:
+            self._note_polar(np.concatenate([block.ravel() for block in blocks]))
         return blocks
 
-    def _note_polar(self, real: list[AnyArray], imaginary: list[AnyArray]) -> None:
+    def _note_polar(self, signal: AnyArray) -> None:
         """Note parts that look like magnitudes and phases: of one sign, and of a turn at most."""
-        magnitude = np.concatenate([part.ravel() for part in real])
-        phase = np.concatenate([part.ravel() for part in imaginary])
-        if np.iscomplexobj(magnitude) or np.iscomplexobj(phase) or not phase.size:
-            return
-        is_one_sign = max(np.mean(magnitude >= 0), np.mean(magnitude <= 0)) > _ONE_SIGN
-        has_both = _BOTH_SIGNS < np.mean(phase > 0) < 1 - _BOTH_SIGNS
-        largest = float(np.nanmax(np.abs(phase), initial=0.0))
-        for unit, half_turn in (("degrees", 180.0), ("radians", np.pi)):
-            if is_one_sign and has_both and 0.8 * half_turn < largest <= 1.001 * half_turn:
-                self.notes.append(
-                    f"real parts are of one sign and imaginary parts reach {largest:.4g}: are they "
-                    f"magnitudes, or decibels, and a phase in {unit}? Then give magnitude, phase "
-                    "and phase_unit in place of imaginary"
-                )
+        unit = _unit_of_phases(signal.imag)
+        if unit and max(np.mean(signal.real >= 0), np.mean(signal.real <= 0)) > _ONE_SIGN:
+            self.notes.append(
+                f"real parts are of one sign and imaginary parts reach {_largest(signal.imag):.4g}: are "
+                f"they magnitudes, or decibels, and a phase in {unit}? Then give magnitude, phase and "
+                "phase_unit in place of imaginary"
+            )
+
+    def _note_kinds(self, sizes: list[AnyArray], phases: list[AnyArray], spec: Signal) -> None:
+        """Note magnitudes and phases that look like those of another unit."""
+        magnitude, phase = (
+            np.concatenate([part.ravel() for part in parts]) for parts in (sizes, phases)
+        )
+        stated = "degrees" if spec.phase_unit == "deg" else "radians"
+        unit = _unit_of_phases(phase)
+        if unit and unit != stated:
+            self.notes.append(
+                f"signal.phase_unit is {spec.phase_unit}, and phases reach {_largest(phase):.4g}: are "
+                f"they {unit}?"
+            )
+        if spec.magnitude == "linear" and not np.iscomplexobj(magnitude) and (magnitude < 0).any():
+            self.notes.append(
+                f"signal.magnitude is linear, and {np.mean(magnitude < 0):.0%} of the magnitudes are "
+                "negative: are they dB?"
+            )
 
     def _ordered(self, signal: AnyArray, dims: list[str]) -> tuple[AnyArray, dict[str, int]]:
         """Bring the axes into a run's order; scan axes of a raster become one."""
@@ -531,6 +544,20 @@ def _complex(values: AnyArray) -> AnyArray:
     if values.dtype.itemsize <= 2 or values.dtype == np.float32:
         return np.ascontiguousarray(values, np.float32).view(np.complex64)
     return np.ascontiguousarray(values, np.float64).view(np.complex128)
+
+
+def _largest(values: AnyArray) -> float:
+    """Return the largest magnitude of values, without those that are no numbers."""
+    return float(np.nanmax(np.abs(values), initial=0.0))
+
+
+def _unit_of_phases(values: AnyArray) -> str:
+    """Return the unit in which values of both signs reach half a turn and no more; empty if in none."""
+    has_both = _BOTH_SIGNS < np.mean(values > 0) < 1 - _BOTH_SIGNS if values.size else False
+    for unit, half_turn in (("degrees", 180.0), ("radians", np.pi)):
+        if has_both and 0.8 * half_turn < _largest(values) <= 1.001 * half_turn:
+            return unit
+    return ""
 
 
 def _of_polar(magnitude: AnyArray, phase: AnyArray, spec: Signal) -> AnyArray:
