@@ -70,6 +70,8 @@ def touchstone_text(path: Path, notes: Notes) -> TouchstoneText:
     rows = []  # of numbers
     for line in text.splitlines():
         content = line.partition("!")[0].strip()
+        if content[:1] == "#":
+            line = _option_line(content)
         if not content or content[0] in "#[":
             head.append(line)
         else:
@@ -100,10 +102,32 @@ def touchstone_text(path: Path, notes: Notes) -> TouchstoneText:
     _note_noise(noise, notes)
     if ordered != tones:
         notes.append(f"its {len(tones)} tones do not rise: they are put in the order of frequency")
-    elif not noise:
-        return TouchstoneText(text, path, len(tones))
     lines = head + [" ".join(tone) for tone in ordered]
     return TouchstoneText("\n".join(lines) + "\n", path, len(tones))
+
+
+_OPTIONS = ({"HZ", "KHZ", "MHZ", "GHZ"}, set("SYZGH"), {"DB", "MA", "RI"})
+"""Words of an option line, in the order in which the library reads them: unit, parameter, format."""
+
+
+def _option_line(line: str) -> str:
+    """Return an option line in the order that the library reads; one of unknown words as it is.
+
+    By the standard its words have any order, and GHz, S, MA and R 50 need not be stated.
+    """
+    words = line[1:].upper().split()
+    resistance = "50"
+    if "R" in words[:-1]:
+        place = words.index("R")
+        resistance = words[place + 1]
+        del words[place : place + 2]
+    if not all(any(word in kind for kind in _OPTIONS) for word in words):
+        return line
+    stated = [
+        next((word for word in words if word in kind), usual)
+        for kind, usual in zip(_OPTIONS, ("GHZ", "S", "MA"), strict=True)
+    ]
+    return " ".join(["#", *stated, "R", resistance])
 
 
 def _note_noise(lines: int, notes: Notes) -> None:

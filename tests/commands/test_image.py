@@ -63,5 +63,11 @@ def test_another_file_is_no_picture_s_source(tmp_path):
 def test_options_that_would_be_dropped_are_refused(recording, tmp_path):
     with pytest.raises(ValueError, match="window, points: a recording is drawn as it is"):
         image(recording, tmp_path / "a.png", window="boxcar", points=3)
+    with pytest.raises(ValueError, match="give scan or scans, got both"):
+        image(recording, tmp_path / "a.png", scan=3, scans=(1, 5))
+    with pytest.raises(ValueError, match="step-window is of dewow and gain, got neither"):
+        image(recording, tmp_path / "a.png", step_window=3.0)
+    with pytest.raises(ValueError, match=r"anchor is of a GeoTIFF \(\.tif\), got no such output"):
+        image(RUN, tmp_path / "a.png", anchor=tmp_path / "anchor.toml")
     with pytest.raises(ValueError, match="anchor and points are of one picture"):
         image(RUN, tmp_path / "a.png", depth=[0.1], points=3)

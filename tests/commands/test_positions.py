@@ -60,5 +60,7 @@ def test_a_track_is_csv_or_a_log_that_needs_an_anchor(tmp_path):
         ValueError, match=r"t\.nmea: a track of a satellite receiver needs an anchor"
     ):
         track_of(tmp_path / "t.nmea", None)
+    with pytest.raises(ValueError, match=r"t\.nmea: body and axes are of takes of OptiTrack"):
+        track_of(tmp_path / "t.nmea", None, body="radar")
     with pytest.raises(FileNotFoundError, match="track not found"):
         track_of(tmp_path / "none.csv", None)

@@ -67,3 +67,13 @@ def test_a_file_without_an_option_line_tells_what_is_taken(tmp_path):
     assert any("it has no option line: frequencies are taken in GHz" in n for n in opened.notes)
     path.write_text(touchstone([1, 2]))
     assert not open_arrays(path).notes
+
+
+@pytest.mark.parametrize("option", ["# S MHZ RI", "# mhz ri s r 50", "# R 50 MHz S RI", "# MHz RI"])
+def test_an_option_line_may_have_any_order(option, tmp_path):
+    path = tmp_path / "a.s2p"
+    path.write_text(touchstone([100, 200], option=option))
+    opened = open_arrays(path)
+    np.testing.assert_allclose(opened.read("frequency"), [1e8, 2e8])
+    np.testing.assert_allclose(opened.read("s21"), [1.1 - 1j, 1.2 - 1j])
+    assert not opened.notes

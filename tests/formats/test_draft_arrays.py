@@ -28,6 +28,17 @@ def test_parts_that_lie_apart_are_found_by_their_names(real, imaginary):
     assert found(**{real: part, imaginary: np.ones((3, 5))}) == (imaginary, None)
 
 
+@pytest.mark.parametrize(
+    ("magnitude", "phase"),
+    [("S21(DB)", "S21(DEG)"), ("S21[dB]", "S21[deg]"), ("s21_db", "s21_rad"), ("MAG", "MAG_deg")],
+)
+def test_magnitudes_and_phases_are_found_by_their_units(magnitude, phase):
+    part = np.ones((3, 4))
+    field = find_signal(file_of(**{magnitude: part, phase: part, "map": np.ones((9, 9))}))
+    assert (field.info.name, field.phase) == (magnitude, phase)
+    assert field.unit == ("rad" if phase.endswith("rad") else "deg")
+
+
 def test_vectors_positions_and_covariances_are_no_field():
     assert found(t=np.ones(9), pos=np.ones((9, 3)), covariance=np.ones((9, 36))) == (None, None)
     assert found(one=np.ones((1, 1), complex)) == (None, None)

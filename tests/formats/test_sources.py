@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flgpr.formats.mapping import Quantity
+from flgpr.formats.mapping import Positions, Quantity
 from flgpr.formats.sources import Sources, plausible, real
 
 
@@ -75,3 +75,16 @@ def test_numbers_that_no_instrument_records_are_refused():
     with pytest.raises(ValueError, match="time must be real numbers, got complex128"):
         real(np.array([1j]), "time")
     assert real(np.array([1], np.int16), "time").dtype == np.float64
+
+
+def test_three_positions_of_three_numbers_are_told_to_be_rows(tmp_path):
+    path = tmp_path / "a.npz"
+    square = np.arange(9.0).reshape(3, 3)
+    np.savez(path, square=square, wide=np.arange(12.0).reshape(3, 4))
+    sources = Sources({"data": [path]}, "scan", 10_000)
+    rows = sources.points(Positions(variable="square", unit="m"), "antenna_position", "pair")
+    np.testing.assert_array_equal(rows, square)
+    assert ["antenna_position is 3 x 3: a row is taken" in one for one in sources.notes] == [True]
+    columns = sources.points(Positions(variable="wide", unit="m"), "antenna_position", "pair")
+    assert columns.shape == (4, 3)
+    assert len(sources.notes) == 1

@@ -117,6 +117,11 @@ def test_an_anchor_file(tmp_path):
         ("easting = 500000.0\nnorthing = 5300000.0", "easting = nan\nnorthing = 1.0", "finite"),
         ("accuracy", "acuracy", "accuracy"),
         ("crs = ", "crs : ", "TOML|Expected"),
+        (
+            "easting = 500000.0\nnorthing = 5300000.0",
+            "longitude = 9.0\nlatitude = 47.8",
+            "must all have longitude and latitude as the first, point 1 has others",
+        ),
     ],
 )
 def test_anchor_files_that_are_wrong(tmp_path, old, new, words):

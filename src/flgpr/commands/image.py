@@ -154,6 +154,8 @@ def image(
     from flgpr.formats.reader import is_recording
 
     outputs = one_or_more(output)
+    if scan is not None and scans is not None:
+        raise ValueError("give scan or scans, got both")
     limits = scans if scan is None else (scan, scan)
     of_recordings = options_given(image, asked, "Recordings")
     of_runs = [
@@ -166,6 +168,8 @@ def image(
                 f"{_typed(of_runs)}: a recording is drawn as it is; "
                 "to focus it, import it first: flgpr import gpr"
             )
+        if step_window is not None and not (dewow or gain):
+            raise ValueError("step-window is of dewow and gain, got neither")
         radargram_view = RadargramView(
             channel=channel,
             traces=limits,
@@ -184,8 +188,6 @@ def image(
             f"{_typed(of_recordings)}: these are for recordings; of a run, `flgpr prepare` takes "
             "the steps"
         )
-    if scan is not None and scans is not None:
-        raise ValueError("give scan or scans, got both")
 
     from flgpr.commands.picture import make_picture, make_slices
     from flgpr.imaging import View
@@ -205,6 +207,8 @@ def image(
         reach=math.inf if reach is None else reach,
     )
 
+    if anchor is not None and not any(Path(one).suffix.lower() == ".tif" for one in outputs):
+        raise ValueError("anchor is of a GeoTIFF (.tif), got no such output")
     if depth:
         if anchor is not None or points != 5:
             raise ValueError("anchor and points are of one picture, not of depth slices")

@@ -130,6 +130,8 @@ def track_of(
         )
     if is_table:
         return read_track(path, "column", body, axes, max_gap)
+    if body is not None or axes is not None:
+        raise ValueError(f"{path}: body and axes are of takes of OptiTrack Motive, this is none")
     lane_anchor = read_optional_anchor(anchor)
     if lane_anchor is None:
         raise ValueError(

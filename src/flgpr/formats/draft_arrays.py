@@ -361,7 +361,10 @@ class Places:
 
 _NO_FIELD = re.compile(r"covariance|orientation|rotation")
 _COMPLEX = re.compile(r"complex|.*(\('r(eal)?'|\('re')", re.DOTALL)
-_PHASE = re.compile(r"phase|(?<![a-z])ang(?:le)?(?![a-z])|(?<![a-z])arg(?![a-z])")
+_PHASE = re.compile(
+    r"phase|(?<![a-z])ang(?:le)?(?![a-z])|(?<![a-z])arg(?![a-z])"
+    r"|(?<![a-z])deg(?![a-z])|(?<![a-z])rad(?![a-z])"
+)
 _MAGNITUDE = re.compile(r"mag|(?<![a-z])db|amp|(?<![a-z])abs")
 _IMAGINARY = (("real", "imag"), ("re", "im"), ("_i", "_q"))
 """What names of real parts hold, and those of imaginary parts in its stead."""

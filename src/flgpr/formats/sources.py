@@ -301,6 +301,11 @@ class Sources:
         has_three_rows = points.ndim == 2 and points.shape[0] == 3
         if has_three_rows and points.shape[1] not in (2, 3, 6):
             points = points.T  # a column per position, as is the custom in MATLAB
+        elif points.shape == (3, 3) and spec.z is None:
+            self.notes.append(
+                f"{where} is 3 x 3: a row is taken for a position; where a column is one, name its "
+                "rows as x, y and z"
+            )
         if spec.z is None:
             return points
         if points.ndim < 2 or points.shape[-1] != 2:

@@ -361,7 +361,12 @@ def _fit_file(entries: _AnchorFile) -> Anchor:
     names = ("easting", "northing") if is_plane else ("longitude", "latitude")
     lane = []
     positions = []
-    for point in entries.point:
+    for number, point in enumerate(entries.point):
+        if (point.easting is not None) != is_plane:
+            raise ValueError(
+                f"points of an anchor must all have {' and '.join(names)} as the first, point "
+                f"{number} has others"
+            )
         lane.append((*point.lane, 0.0)[:3])
         positions.append([getattr(point, name) for name in names])
     azimuth = None if entries.azimuth_deg is None else math.radians(entries.azimuth_deg)
