@@ -190,3 +190,53 @@ def test_positions_name_the_traces_of_a_cut_line_by_their_own_numbers(tmp_path):
     assert notes_with(read, "the traces' own numbers begin at 21: the positions of a.gps are put")
     set_dt1_words(path, "number", [1 + k for k in range(TRACES)])
     np.testing.assert_array_equal(read_gpr(path).fixes[:, 0], named[named < TRACES])
+
+
+def test_a_position_that_is_written_until_the_next_one_comes_counts_once(tmp_path):
+    """A receiver of one fix in five traces: in between they lie on the way, not at its steps."""
+    path = write_dt1(tmp_path / "a.dt1", COUNTS)
+    latest = np.arange(TRACES) // 5 * 5
+    lines = []
+    for trace, own in enumerate(latest):
+        clock = f"12{own // 60:02d}{own % 60:02d}.00"
+        lines += gps_lines([trace], [LATITUDE[own]], [LONGITUDE[own]], clock=clock).splitlines()
+    path.with_suffix(".gps").write_text("\n".join(lines))
+    read = read_gpr(path)
+    np.testing.assert_array_equal(read.fixes[:, 0], np.unique(latest))
+    assert notes_with(read, f"{TRACES - len(np.unique(latest))} positions repeat the one before")
+
+
+def test_a_separation_that_some_positions_lack_is_that_of_the_others(tmp_path):
+    path = write_dt1(tmp_path / "a.dt1", COUNTS)
+    lines = gps_lines(np.arange(9), LATITUDE[:9], LONGITUDE[:9]).splitlines()
+
+    def with_separations(separations):
+        stated = list(lines)
+        for number, separation in enumerate(separations):
+            cells = lines[2 * number + 1].split("*")[0].split(",")
+            cells[11] = separation
+            stated[2 * number + 1] = closed(",".join(cells))
+        return read_gpr_with(path, stated)
+
+    told = with_separations(["46.0"] * 9)
+    assert told.fixes[0, 3] > 40
+    lacking = with_separations(["46.0", "", *["46.0"] * 6, ""])
+    np.testing.assert_allclose(lacking.fixes[:, 3], told.fixes[:, 3])
+    assert notes_with(lacking, "2 of 9 positions tell no separation of the geoid")
+
+
+def read_gpr_with(path, lines):
+    path.with_suffix(".gps").write_text("\n".join(lines))
+    return read_gpr(path)
+
+
+def test_positions_that_scatter_are_told(tmp_path):
+    path = write_dt1(tmp_path / "a.dt1", COUNTS)
+    lines = gps_lines(np.arange(TRACES), LATITUDE, LONGITUDE).splitlines()
+    anchor = fit_anchor(LANE, on_the_ellipsoid(LANE), "EPSG:4326", 0.02, [0.0] * 4)
+    still = gpr_run(read_gpr_with(path, lines), anchor=anchor).attrs["import_notes"]
+    assert not any("positions scatter" in note for note in still)
+    aside = 2e-2 / 111_000 * np.random.default_rng(1).normal(size=TRACES)
+    lines = gps_lines(np.arange(TRACES), LATITUDE + aside, LONGITUDE + aside).splitlines()
+    told = gpr_run(read_gpr_with(path, lines), anchor=anchor).attrs["import_notes"]
+    assert any(note.startswith("positions scatter: from each to the next") for note in told)

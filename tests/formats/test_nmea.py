@@ -143,3 +143,10 @@ def test_headings_without_a_time_are_those_of_the_fix_before_once(anchor, tmp_pa
     assert "36 of 40 headings state no time, or one that came before" in "".join(
         track.attrs["notes"]
     )
+
+
+def test_one_wrong_fix_turns_no_heading_beside_it(anchor, tmp_path):
+    lines = [*GOOD[:5], fix(5, altitude="500.000"), *GOOD[6:]]
+    lines[5] = closed(lines[5].split("*")[0].replace("01100.0000000", "01100.0060000"))
+    track = read_nmea(put(lines, tmp_path), anchor)
+    assert np.degrees(track["heading"].to_numpy()) == pytest.approx(0, abs=0.5)

@@ -23,6 +23,7 @@ from flgpr.formats.nmea import (
 )
 from flgpr.formats.reader import reader_of
 from flgpr.geo.anchor import Anchor
+from flgpr.geo.track_anchor import is_astray
 from flgpr.model.faults import faults_of
 from flgpr.model.track import TRACK_COLUMNS, bridged, course, make_track
 from flgpr.store.files import existing
@@ -246,7 +247,10 @@ def read_nmea(
             in_lane = np.interp(time, stamp, np.unwrap(angle)) - anchor.azimuth
             heading = floats(np.angle(np.exp(1j * in_lane)))
         else:
-            heading = course(position)
+            # One fix that lies aside must not turn the way beside it.
+            on_way = ~is_astray(position)
+            of_way = np.unwrap(course(position[on_way]))
+            heading = floats(np.angle(np.exp(1j * np.interp(time, time[on_way], of_way))))
         track = make_track(time, position, heading)
 
     total = sum(log.qualities.values())

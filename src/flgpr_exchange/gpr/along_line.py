@@ -130,25 +130,40 @@ def way_along(positions: FloatArray, what: str, notes: Notes) -> FloatArray | No
     return measured_distance(distance, None, "distances from trace to trace", "the header", notes)
 
 
+def scatter_of(positions: FloatArray) -> str:
+    """Return in words how much errors and coarse steps lengthen the way along positions (place, 2), m.
+
+    Empty where they hardly do, or where there are too few to tell.
+    """
+    if len(positions) <= _EVERY:
+        return ""
+    coarse = np.append(np.arange(0, len(positions), _EVERY), len(positions) - 1)
+    way, shorter = (
+        float(np.hypot(*np.diff(places, axis=0).T).sum())
+        for places in (positions, positions[coarse])
+    )
+    if way <= _SCATTER * shorter:
+        return ""
+    return (
+        f"positions scatter: from each to the next the way is {way:.4g} m, from every {_EVERY}th to "
+        f"the next {shorter:.4g} m"
+    )
+
+
 def _without_scatter(positions: FloatArray, way: FloatArray, notes: Notes) -> FloatArray:
     """Return the way (trace,) along positions (trace, 2), m, along the course where they scatter.
 
     Errors and coarse steps of coordinates make the way from trace to trace longer than the line. A
     straight line that does not turn round is measured along its course.
     """
-    coarse = np.append(np.arange(0, len(way), _EVERY), len(way) - 1)
-    shorter = float(np.hypot(*np.diff(positions[coarse], axis=0).T).sum())
-    if way[-1] <= _SCATTER * shorter:
+    too_long = scatter_of(positions)
+    if not too_long:
         return way
     from_first = positions - positions[0]
     course = np.linalg.svd(positions - positions.mean(axis=0), full_matrices=False)[2][0]
     along = from_first @ (course * (np.sign(from_first[-1] @ course) or 1.0))
     aside = np.std(from_first @ [course[1], -course[0]])
-    too_long = (
-        f"the coordinates scatter: from trace to trace the way is {way[-1]:.4g} m, from every "
-        f"{_EVERY}th to the next {shorter:.4g} m"
-    )
-    if aside > _STRAIGHT * np.ptp(along) or (np.diff(along[coarse[:-1]]) < 0).any():
+    if aside > _STRAIGHT * np.ptp(along) or (np.diff(along[::_EVERY]) < 0).any():
         notes.append(f"{too_long}; the former is taken, for the line is not straight")
         return way
     notes.append(f"{too_long}; distances are those along the straight course, {along[-1]:.4g} m")

@@ -14,6 +14,7 @@ from flgpr.model.motion import Motion, judge_poses, some_steps
 from flgpr.model.plausible import MotionLimits
 from flgpr.model.track import course, make_track, poses_at
 from flgpr.types import BoolArray, FloatArray, IntArray, Notes
+from flgpr_exchange.gpr.along_line import scatter_of
 from flgpr_exchange.gpr.parts import note_count
 
 _MOST_HEADINGS = 4000  # fixes of a course, whose computation takes the square of their number
@@ -127,6 +128,9 @@ def _poses_by_fixes(
             "the ground is taken as level; --topography puts the line on them"
         )
 
+    scatter = scatter_of(position[:, :2])
+    if scatter:
+        notes.append(f"{scatter}; the line and its headings follow them as they are")
     every = 1 + len(trace) // _MOST_HEADINGS
     heading_of_some = np.unwrap(course(position[::every]))
     heading = np.interp(trace, trace[::every], heading_of_some)

@@ -88,6 +88,7 @@ def nmea_fixes(
     lines = text.splitlines()
     counts = SentenceCounts()
     fixes: dict[str, list[Fix]] = {"GGA": [], "RMC": []}
+    separations: dict[str, list[float]] = {"GGA": [], "RMC": []}  # of geoid and ellipsoid, m
     unusable = 0
     without_trace = 0
     not_measured = Counter[str]()
@@ -113,9 +114,8 @@ def nmea_fixes(
         if named is None:
             without_trace += 1
             continue
-        # Over the ellipsoid if that is known.
-        height = position.altitude + float(np.nan_to_num(position.separation))
-        fixes[sentence.kind].append((named, *position[1:3], height, position.time))
+        fixes[sentence.kind].append((named, *position[1:4], position.time))
+        separations[sentence.kind].append(position.separation)
 
     name = path.name
     if not total:
@@ -133,7 +133,24 @@ def nmea_fixes(
         beside = "and a single GGA, which is not used" if used else "alone"
         notes.append(f"{name} holds RMC sentences {beside}, which tell no height")
         used = others
-    return settle_fixes(used, count, notes, name, numbers)
+    stated = floats(used).reshape(-1, 5)
+    if fixes["GGA"] and used is fixes["GGA"]:
+        stated[:, 3] += _separations(floats(separations["GGA"]), notes)
+    return settle_fixes(stated, count, notes, name, numbers)
+
+
+def _separations(stated: FloatArray, notes: Notes) -> FloatArray:
+    """Return the separations of the geoid from the ellipsoid, m; 0 where none at all is stated."""
+    unknown = np.isnan(stated)
+    if not unknown.any() or unknown.all():
+        return np.nan_to_num(stated)
+    note_count(
+        notes,
+        unknown,
+        f"of {stated.size} positions tell no separation of the geoid from the ellipsoid: that of the "
+        "others is taken",
+    )
+    return np.where(unknown, np.median(stated[~unknown]), stated)
 
 
 def _companion_text(path: Path | None, notes: Notes) -> str | None:
@@ -324,6 +341,12 @@ def settle_fixes(
     further = len(table) - first.size
     note_count(notes, further, "positions are further ones of the same trace: its first is used")
     table = table[first]
+    # Recorders write the latest position to every trace until the next one comes.
+    is_new = np.ones(len(table), bool)
+    is_new[1:] = (np.diff(table[:, [1, 2, 4]], axis=0) != 0).any(axis=1)
+    if np.count_nonzero(is_new) > 1:
+        note_count(notes, ~is_new, "positions repeat the one before, at its time: left out")
+        table = table[is_new]
     unknown = np.isnan(table[:, 3])
     note_count(notes, unknown, f"of {len(table)} positions tell no height: 0 m is taken")
     table[unknown, 3] = 0.0
