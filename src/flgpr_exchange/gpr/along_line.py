@@ -18,6 +18,7 @@ _MOST_COMPARED = 2000  # traces, by which it is decided whether they are of seve
 _ALIKE = 1.5  # times that changes from trace to trace differ within one channel, at most
 _USUAL_JUMP = 20.0  # times the usual step, from which on a step is a jump that is noted
 _EVERY = 10  # traces over which the way is compared with that from trace to trace
+_LEAST_JUDGED = 40  # traces of a line whose coordinates are judged
 _SCATTER = 1.05  # times as long as the former, from where on coordinates scatter
 _STRAIGHT = 0.02  # of its length, by which a straight line lies aside of its course
 _LEAST_JUMP = 1.0  # m, and at least this
@@ -125,7 +126,7 @@ def way_along(positions: FloatArray, what: str, notes: Notes) -> FloatArray | No
     """
     notes.append(f"the distance along the line is that of the traces' coordinates, {what}")
     distance = np.append(0.0, np.hypot(*np.diff(positions[:, :2], axis=0).T).cumsum())
-    if len(positions) > _EVERY:
+    if len(positions) >= _LEAST_JUDGED:
         distance = _without_scatter(positions[:, :2], distance, notes)
     return measured_distance(distance, None, "distances from trace to trace", "the header", notes)
 
@@ -166,8 +167,20 @@ def _without_scatter(positions: FloatArray, way: FloatArray, notes: Notes) -> Fl
     if aside > _STRAIGHT * np.ptp(along) or (np.diff(along[::_EVERY]) < 0).any():
         notes.append(f"{too_long}; the former is taken, for the line is not straight")
         return way
-    notes.append(f"{too_long}; distances are those along the straight course, {along[-1]:.4g} m")
-    return floats(along)
+    # By means of as many traces: between them the scatter is most of what was measured.
+    trace = np.arange(len(along))
+    ends = np.arange(0, len(along) - _EVERY + 1, _EVERY)
+    at, there = (np.add.reduceat(values, ends)[:-1] / _EVERY for values in (trace, along))
+    smooth = np.interp(trace, at, there)
+    for outside, edge in ((trace < at[0], 0), (trace > at[-1], -1)):
+        pace = (there[1] - there[0]) if edge == 0 else (there[-1] - there[-2])
+        smooth[outside] = there[edge] + (trace[outside] - at[edge]) * pace / _EVERY
+    smooth -= smooth[0]
+    notes.append(
+        f"{too_long}; distances are those along the straight course, {smooth[-1]:.4g} m, by means of "
+        f"{_EVERY} traces"
+    )
+    return floats(smooth)
 
 
 def between_neighbours(values: FloatArray, usable: BoolArray) -> FloatArray:
