@@ -13,7 +13,7 @@ import pandas as pd
 from flgpr.model.units import UNITS
 from flgpr.report.trial_block import borders_in_words
 from flgpr.scoring import as_lanes
-from flgpr.scoring.matching import LaneLike, Match
+from flgpr.scoring.matching import LaneLike, Match, stated_lanes
 from flgpr.store.notes import log_note
 from flgpr.types import BoolArray
 
@@ -60,7 +60,7 @@ def targets_in_reach(
     if not halo > 0:
         raise ValueError(f"halo must be a positive radius in metres, got {halo:g}")
     count = len(targets)
-    in_reach = are_near(targets, lanes, halo)
+    in_reach = are_near(targets, lanes, halo, "truth")
     outside = count - int(in_reach.sum())
     if not outside:
         return targets, {}
@@ -79,7 +79,9 @@ def targets_in_reach(
     return targets[in_reach], {"targets_outside": identifiers}
 
 
-def are_near(table: pd.DataFrame, lanes: LaneLike, margin: float = 0.0) -> BoolArray:
+def are_near(
+    table: pd.DataFrame, lanes: LaneLike, margin: float = 0.0, name: str = "alarms"
+) -> BoolArray:
     """Return which rows of a table lie in their lane or a little outside.
 
     Parameters
@@ -90,6 +92,8 @@ def are_near(table: pd.DataFrame, lanes: LaneLike, margin: float = 0.0) -> BoolA
         The lane, or lanes by name.
     margin : float
         How far outside a row may lie, m.
+    name : {"alarms", "truth"}
+        What the table is, for errors.
 
     Returns
     -------
@@ -97,13 +101,15 @@ def are_near(table: pd.DataFrame, lanes: LaneLike, margin: float = 0.0) -> BoolA
         Which rows do.
     """
     lanes_by_name = as_lanes(lanes)
+    if "lane" in table.columns and list(lanes_by_name) != [""]:
+        own = stated_lanes(table, list(lanes_by_name), name)
     x = table["x"].to_numpy(np.float64)
     y = table["y"].to_numpy(np.float64)
     in_reach = np.zeros(len(table), dtype=np.bool_)
     for lane_name, lane in lanes_by_name.items():
         is_near = lane.distance(x, y) <= margin
         if "lane" in table.columns and list(lanes_by_name) != [""]:
-            is_near &= (table["lane"].astype(str) == lane_name).to_numpy()
+            is_near &= (own == lane_name).to_numpy()
         in_reach |= is_near
     return in_reach
 

@@ -133,6 +133,8 @@ def _check(table: pd.DataFrame, columns: tuple[Column, ...], name: str, key: str
     for column in columns:
         if column.kind == "number" and column.name in table.columns:
             _check_numbers(table, column, name)
+        elif column.required and column.kind == "text":
+            _check_filled(table[column.name], name)
     if key in table.columns:
         repeated = table[key].duplicated().to_numpy() & table[key].notna().to_numpy()
         keys = ["lane", key] if "lane" in table.columns else [key]
@@ -141,6 +143,16 @@ def _check(table: pd.DataFrame, columns: tuple[Column, ...], name: str, key: str
                 f"{name}.{key} must be unique, got {table[key][repeated].iloc[0]!r} more than once"
             )
     return table
+
+
+def _check_filled(values: pd.Series[Any], name: str) -> None:
+    """Refuse a column of text with a row that has none."""
+    empty = (values.isna() | (values.astype(str).str.strip() == "")).to_numpy()
+    if empty.any():
+        raise ValueError(
+            f"{name}.{values.name} must be filled in every row, got none in row "
+            f"{int(np.flatnonzero(empty)[0]) + 1} below the header ({int(empty.sum())} such rows)"
+        )
 
 
 def _check_numbers(table: pd.DataFrame, column: Column, name: str) -> None:

@@ -72,21 +72,39 @@ def lane_of_rows(table: pd.DataFrame, lanes: Mapping[str, Lane], name: str) -> I
                 f"{', '.join(known)}"
             )
         return np.zeros(len(table), dtype=np.int64)
-    lane_names = table["lane"].fillna("").astype(str)
     if known == [""]:
+        lane_names = table["lane"].fillna("").astype(str)
         distinct = sorted(set(lane_names))
         if len(distinct) > 1:
             raise ValueError(
                 f"lane must be given by name, for {name} holds several lanes: {', '.join(distinct)}"
             )
         return np.zeros(len(table), dtype=np.int64)
-    if len(known) == 1:
-        lane_names = lane_names.where(lane_names != "", known[0])
+    lane_names = stated_lanes(table, known, name)
     strange = sorted(set(lane_names) - set(known))
     if strange:
         raise ValueError(f"{name}.lane must be one of {', '.join(known)}; got {strange[0]!r}")
     numbers = {lane: number for number, lane in enumerate(known)}
     return np.asarray(lane_names.map(numbers), dtype=np.int64)
+
+
+def stated_lanes(table: pd.DataFrame, known: Sequence[str], name: str) -> pd.Series[str]:
+    """Return the name of every row's lane; of a single one, where a row states none.
+
+    Of several lanes every row must state its own, else it is a ValueError that calls the table
+    ``name``.
+    """
+    lane_names = table["lane"].fillna("").astype(str)
+    if len(known) == 1:
+        return lane_names.where(lane_names != "", known[0])
+    nowhere = np.flatnonzero(lane_names == "")
+    if nowhere.size:
+        raise ValueError(
+            f"{name}.lane must name the lane in every row, for there are {len(known)}: "
+            f"{', '.join(known)}; got none in row {nowhere[0] + 1} below the header "
+            f"({nowhere.size} such rows)"
+        )
+    return lane_names
 
 
 def positions(table: pd.DataFrame) -> FloatArray:
@@ -306,6 +324,13 @@ def match(
     alarms = check_alarms(alarms).reset_index(drop=True)
     truth = check_truth(truth).reset_index(drop=True)
     lanes = as_lanes(lane)
+    if list(lanes) == [""] and "lane" in alarms.columns and "lane" in truth.columns:
+        named = [set(table["lane"].dropna().astype(str)) - {""} for table in (alarms, truth)]
+        if all(named) and not named[0] & named[1]:
+            lies = " and ".join(", ".join(sorted(names)) for names in named)
+            raise ValueError(
+                f"alarms and truth must be of one lane, got {lies}: is it the right truth?"
+            )
     alarm_lane = lane_of_rows(alarms, lanes, "alarms")
     target_lane = lane_of_rows(truth, lanes, "truth")
     alarm_points = positions(alarms)

@@ -59,6 +59,7 @@ _SYNONYMS_OF_ONE_ID = {
     "target_id": "target mine ziel mina cible objetivo bersaglio alvo",
     "object_id": "object objekt objet objeto oggetto",
 }
+_LINE_END = re.compile(r"\r\n|\r|\n")  # not what else a text calls one, which cells may hold
 _NUMBER_OR_EMPTY = re.compile(r"[-+]?[\d.,]+([eE][-+]?\d+)?|")
 _SUFFIX = re.compile(r"(?P<name>.*\w)[_ ](?P<unit>m|cm|mm|km|ft|in|deg)", re.IGNORECASE)
 _LENGTHS = ("x", "y", "depth", "radius", "height", "easting", "northing")
@@ -160,7 +161,9 @@ def without_comments(text: str, kind: str) -> tuple[str, list[str]]:
     notes : list of str
         What was left out.
     """
-    lines = text.splitlines()
+    lines = _LINE_END.split(text)
+    if not lines[-1]:
+        lines.pop()
     first = 0
     if lines and re.fullmatch(r"\s*sep=.\s*", lines[0], re.IGNORECASE):
         first = 1
@@ -196,9 +199,11 @@ def _leave_out_comments(rows: list[str], first: int, kind: str) -> int:
     names_of_rows = {_folded(name) for name in _synonyms_of_id(_IDS[kind])}
     begins_with_names = _folded(cells_of(header)[0]) in names_of_rows
     dropped = 0
+    is_within = header.count('"') % 2 == 1  # a quoted cell, which may go over several lines
     for number in range(first + 1, len(rows)):
         line = rows[number]
-        if not _is_comment(line):
+        if is_within or not _is_comment(line):
+            is_within ^= line.count('"') % 2 == 1
             continue
         is_row = begins_with_names and _count_cells(line) == width
         if not is_row:
@@ -308,6 +313,10 @@ def column_targets(
     for target, numbers in candidates.items():
         exact = [number for number in numbers if names[number] == target]
         chosen = exact or numbers
+        if len({names[number].strip() for number in chosen}) < len(chosen):
+            raise ValueError(
+                f"{target} is {len(chosen)} times in the header: give each column a name of its own"
+            )
         if len(chosen) > 1:
             choices = " or ".join(repr(names[number]) for number in chosen)
             raise ValueError(
@@ -315,12 +324,6 @@ def column_targets(
                 f"say which by `columns` {target}={names[chosen[0]]}"
             )
         targets[chosen[0]] = target
-    for target, column in columns.items():
-        if target not in targets.values():
-            raise ValueError(
-                f"columns: the file has no column {column!r} for {target}; "
-                f"it has {', '.join(names)}"
-            )
     if not {"x", "y"} <= set(targets.values()):
         return targets
     return {number: target for number, target in targets.items() if target not in PLACES}
@@ -329,7 +332,7 @@ def column_targets(
 def _columns_by_user(
     names: Sequence[str], known: tuple[str, ...], columns: Mapping[str, str]
 ) -> dict[int, str]:
-    """Return the columns that the user names and the file has, by number."""
+    """Return the columns that the user names, by number."""
     allowed = {*known, *PLACES}
     targets: dict[int, str] = {}
     for target, column in columns.items():
@@ -340,8 +343,11 @@ def _columns_by_user(
         numbers = [number for number, name in enumerate(names) if name.strip() == column]
         if len(numbers) > 1:
             raise ValueError(f"columns: {column!r} is {len(numbers)} times in the header")
-        if numbers:
-            targets[numbers[0]] = target
+        if not numbers:
+            raise ValueError(
+                f"columns: the file has no column {column!r} for {target}; it has {', '.join(names)}"
+            )
+        targets[numbers[0]] = target
     return targets
 
 
@@ -395,6 +401,14 @@ def named_columns(
             notes.append(f"{target} is the column {names[number]!r}")
     renamed = table.copy()
     renamed.columns = pd.Index([targets.get(number, name) for number, name in enumerate(names)])
+    replaced = [
+        number
+        for number, name in enumerate(names)
+        if number not in targets and name in targets.values()
+    ]
+    for number in replaced:
+        notes.append(f"the column {names[number]!r} of the file is not used")
+    renamed = renamed.iloc[:, [number for number in range(len(names)) if number not in replaced]]
     for number, target in targets.items():
         name = names[number]
         if name == target:

@@ -45,7 +45,12 @@ MOST_COLUMNS = 4096
 """Columns of the widest table that is read."""
 _MOST_CELLS = 10_000_000
 _LONGEST_CELL = 40  # characters of a cell that a reason shows
-_ID_COLUMNS = ("alarm_id", "target_id", "object_id")
+_ID_COLUMNS = ("alarm_id", "target_id", "object_id", "lane", "kind")
+"""Columns of text, even where it looks like a number or like one that is missing."""
+_MISSING = [
+    *("", "NA", "N/A", "n/a", "#N/A", "<NA>", "NaN", "nan", "-NaN", "-nan", "NULL", "null", "None"),
+]
+"""Cells of other columns that hold nothing."""
 
 
 def read_table(path: str | Path, kind: str, reading: TableReading | None = None) -> pd.DataFrame:
@@ -135,6 +140,8 @@ def parse_table(
     with faults_of(path):
         if foreign := foreign_content(data):
             raise ValueError(f"{kind} must be a table as text (CSV), got {foreign}")
+        if data.lstrip(b"\xef\xbb\xbf \r\n\t")[:1] in (b"{", b"["):
+            raise ValueError(f"{kind} must be a table as text (CSV), got JSON: save it as CSV")
         if reading is None and _is_own_dialect(data, kind):
             table = parse_columns(data, *_ID_COLUMNS)
             if kind == "alarms":
@@ -331,7 +338,10 @@ def _is_own_dialect(data: bytes, kind: str) -> bool:
     if "\t" in head:
         return False
     required = {column.name for column in _COLUMNS[kind] if column.required}
-    if not required <= set(_header_of(head)):
+    header = _header_of(head)
+    # Names that stand twice, or with blanks about them, are for the reader of dialects, too.
+    has_blanks = any(cell != cell.strip() for cell in cells_of(head))
+    if not required <= set(header) or len(set(header)) < len(header) or has_blanks:
         return False
     try:
         data.decode("utf-8-sig")
@@ -400,7 +410,7 @@ def parse_columns(data: bytes, *texts: str) -> pd.DataFrame:
         cells than the header. Also if it has more than 2 million rows, 4096 columns or 10 million
         cells, which are counted before anything is parsed.
     """
-    as_text = dict.fromkeys(texts, str)
+    as_text: dict[str, Any] = dict.fromkeys(texts, str)
     _check_table_size(data)
     text = data.decode("utf-8-sig")
     head = first_line(text)
@@ -411,7 +421,12 @@ def parse_columns(data: bytes, *texts: str) -> pd.DataFrame:
             f"got both in {head.strip()[:80]!r}"
         )
     decimal = "." if mark == "," else _decimal_mark(text, mark, texts)
-    return without_quotes(parse_csv(text, mark, decimal=decimal, dtype=as_text))
+    names = cells_of(head)
+    missing = {name: [""] if name in texts else _MISSING for name in names}
+    options: dict[str, Any] = {"decimal": decimal, "dtype": as_text}
+    if len(missing) == len(names):
+        options |= {"keep_default_na": False, "na_values": missing}
+    return without_quotes(parse_csv(text, mark, **options))
 
 
 def parse_csv(
