@@ -2,6 +2,7 @@
 
 import pytest
 
+from flgpr.commands.scoring import read_lanes
 from flgpr.model import Lane
 from flgpr.scoring import match
 from flgpr.store import read_table
@@ -108,3 +109,11 @@ def test_blanks_about_the_names_of_columns_do_not_matter(tmp_path):
 def test_a_list_as_json_is_called_so(tmp_path):
     with pytest.raises(ValueError, match=r"must be a table as text .* got JSON: save it as CSV"):
         read(tmp_path, '{"type": "FeatureCollection", "features": []}')
+
+
+def test_lanes_of_a_table_stay_as_they_are_written_and_name_each_border_once(tmp_path):
+    path = put(tmp_path, "lane,x_min,x_max,y_min,y_max\n01,-2,2,0,60\n02,-2,2,0,60\n", "lanes.csv")
+    assert list(read_lanes(path)) == ["01", "02"]
+    put(tmp_path, "lane,x_min,x_max,y_min,y_max,y_max\n01,-2,2,0,60,100\n", "lanes.csv")
+    with pytest.raises(ValueError, match=r"lanes\.csv: the header must name each column once"):
+        read_lanes(path)

@@ -371,7 +371,7 @@ def read_lanes(path: PathLike) -> Lane | dict[str, Lane]:
     path = existing(path, "lane file")
     with faults_of(path):
         if path.suffix.lower() == ".csv":
-            lanes = as_lanes(read_columns(path))
+            lanes = as_lanes(read_columns(path, "lane"))
         else:
             lanes = as_lanes(parse_toml(read_named(path)))
     is_single = list(lanes) == [""]

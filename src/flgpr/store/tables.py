@@ -379,9 +379,14 @@ def read_columns(path: Path, *texts: str) -> pd.DataFrame:
     Raises
     ------
     ValueError
-        If the table could be read in two ways, or is too large.
+        If the table could be read in two ways, names a column twice, or is too large.
     """
-    return parse_columns(read_named(path), *texts)
+    data = read_named(path)
+    header = [name for name in _header_of(_first_line(data)) if name]
+    twice = next((name for name in header if header.count(name) > 1), None)
+    if twice is not None:
+        raise ValueError(f"the header must name each column once, got {twice!r} twice")
+    return parse_columns(data, *texts)
 
 
 def parse_columns(data: bytes, *texts: str) -> pd.DataFrame:
