@@ -39,9 +39,7 @@ DOUBTFUL = 2
 _LEAST_STEP = 0.05  # m, under which a vehicle may stand
 _MOST_SWAY = 0.25  # m, beyond which it drives
 _KNOWN_CHANGES = 4  # of a vehicle that drives, which those of one that stands are compared with
-_UNSURE_DB = (
-    20.0  # over the number of changes, by which a tone must stand out more: by chance it does
-)
+_UNSURE_DB = 30.0  # over the number of changes, by which a tone must stand out more
 _LEAST_CHANNELS = 4  # of fewer, a burst on one is not told from a disturbed tone
 _FIRST_JUDGED = 24  # scans from which on sums are judged, and then at twice as many each time
 _EVERY = (4, 16)  # scans between two looks at the geometry, while there are few, and later
