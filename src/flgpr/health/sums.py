@@ -31,7 +31,7 @@ BURST_DB = 10.0
 
 _NEIGHBOURS_EVERY = 4  # scans between two whose neighbouring tones are compared
 _SWEEPS_TOGETHER = 64  # whose sum of noise is small beside that of echoes
-_LEAST_DELAYED = 16  # pairs whose delay is taken, if there are more
+_LEAST_DELAYED = 8  # pairs whose delay is taken, if there are more
 _MOST_IN_MEAN = 16  # scans in the mean that a scan's delay is taken from
 _MEDIAN_EVERY = 8  # tones between two medians of those around
 _SUMMED = (
