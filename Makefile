@@ -62,7 +62,7 @@ ROBUSTNESS := robustness health/test_faults_told.py test_bounds.py method/test_d
     exchange/test_fuzz_exchange.py live/test_event_rate.py live/test_live_fuzz.py live/test_live_machines.py \
     live/test_live_positions.py live/test_secret.py live/test_senders.py live/test_session.py live/test_sockets.py \
     live/test_watch.py \
-    model/test_motion.py model/test_plausible.py store/test_csv_formulas.py store/test_outputs.py \
+    model/test_motion.py model/test_plausible.py store/test_csv_formulas.py store/test_lists_taken_wrong.py store/test_outputs.py \
     store/test_run_races.py store/test_run_store.py store/test_store_machines.py store/test_table_widths.py trials/test_ledger.py viewer/test_limits.py \
     viewer/test_server.py
 
