@@ -12,7 +12,7 @@ from flgpr.commands.app import app
 from flgpr.formats import gpr_run, place_by_marks, read_gpr
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.store import open_run
-from io_gpr import SPEED, STEP, gga, section, write_dt1, write_dzt
+from io_gpr import SPEED, STEP, WINDOW, gga, section, write_dt1, write_dzt
 from io_survey import BODIES, write_lines
 
 PERMITTIVITY = (SPEED_OF_LIGHT / SPEED) ** 2
@@ -190,7 +190,8 @@ def test_what_does_not_tell_where_lines_lie_is_refused(more, rule, tmp_path):
 
 def test_other_lines_and_depths_are_refused(tmp_path):
     paths = write_lines(tmp_path, lines=1, traces=10)
-    other = write_dt1(tmp_path / "other.dt1", section(10)[:, :200])
+    half = {"TOTAL_TIME_WINDOW": f"{WINDOW / 2:.6f}"}
+    other = write_dt1(tmp_path / "other.dt1", section(10)[:, :200], **half)
     done = run("import", "gpr", *paths, other, "-o", tmp_path / "s.zarr", "--line-spacing", 1)
     assert "lines of a survey must have the same time window and channels" in done.output
     good("import", "gpr", *paths, "-o", tmp_path / "a.zarr")

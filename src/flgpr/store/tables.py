@@ -39,6 +39,7 @@ _NUMBER = re.compile(r"[-+]?\d*([.,]\d*)?([eE][-+]?\d+)?")
 _PANDAS = tuple(int(number) for number in pd.__version__.split(".")[:2])
 _NEAREST_NUMBERS: dict[str, Any] = {} if _PANDAS >= (3, 1) else {"float_precision": "round_trip"}
 """Option by which pandas parses the nearest numbers; from 3.1 it always does, and warns of it."""
+_JSON = re.compile(rb'(?:\xef\xbb\xbf)?\s*(?:\[\s*)?\{\s*"')
 _MOST_HEAD = 100_000  # bytes of a header
 _MOST_ROWS = 2_000_000
 MOST_COLUMNS = 4096
@@ -140,7 +141,7 @@ def parse_table(
     with faults_of(path):
         if foreign := foreign_content(data):
             raise ValueError(f"{kind} must be a table as text (CSV), got {foreign}")
-        if data.lstrip(b"\xef\xbb\xbf \r\n\t")[:1] in (b"{", b"["):
+        if _JSON.match(data):
             raise ValueError(f"{kind} must be a table as text (CSV), got JSON: save it as CSV")
         if reading is None and _is_own_dialect(data, kind):
             table = parse_columns(data, *_ID_COLUMNS)
