@@ -33,6 +33,7 @@ _NEIGHBOURS_EVERY = 4  # scans between two whose neighbouring tones are compared
 _SWEEPS_TOGETHER = 64  # whose sum of noise is small beside that of echoes
 _LEAST_DELAYED = 8  # pairs whose delay is taken, if there are more
 _MOST_IN_MEAN = 16  # scans in the mean that a scan's delay is taken from
+_DECIBELS = 10 / np.log(10)  # of a natural logarithm
 _MEDIAN_EVERY = 8  # tones between two medians of those around
 _SUMMED = (
     *("scans", "sweeps", "power", "standing", "not_finite", "stuck", "steps", "change_db"),
@@ -333,10 +334,11 @@ def _delay_in(across: ComplexArray) -> float:
 
 def _tone_levels(power: NDArray[np.floating], which: BoolArray) -> FloatArray:
     """Return the level of every tone, dB: the mean over channels, so that none decides alone."""
-    levels = np.log10(power[which] + np.float32(LEAST_POWER))
+    # The natural logarithm of 32 bits takes a fraction of the time of that to the base of 10.
+    levels = np.log(power[which] + np.float32(LEAST_POWER))
     if not len(levels):
         return np.zeros(power.shape[-1])
-    return np.asarray(10 * levels.mean(axis=0, dtype=np.float64), np.float64)
+    return np.asarray(_DECIBELS * levels.mean(axis=0, dtype=np.float64), np.float64)
 
 
 def _levels(power: FloatArray, finite: BoolArray) -> FloatArray:
