@@ -101,15 +101,15 @@ def are_near(
         Which rows do.
     """
     lanes_by_name = as_lanes(lanes)
-    if "lane" in table.columns and list(lanes_by_name) != [""]:
-        own = stated_lanes(table, list(lanes_by_name), name)
+    has_lanes = "lane" in table.columns and list(lanes_by_name) != [""]
+    stated = stated_lanes(table, list(lanes_by_name), name) if has_lanes else None
     x = table["x"].to_numpy(np.float64)
     y = table["y"].to_numpy(np.float64)
     in_reach = np.zeros(len(table), dtype=np.bool_)
     for lane_name, lane in lanes_by_name.items():
         is_near = lane.distance(x, y) <= margin
-        if "lane" in table.columns and list(lanes_by_name) != [""]:
-            is_near &= (own == lane_name).to_numpy()
+        if stated is not None:
+            is_near &= (stated == lane_name).to_numpy()
         in_reach |= is_near
     return in_reach
 

@@ -93,10 +93,9 @@ def read_dzt(path: Path, limit: int, notes: Notes) -> Entries:
 
     record = np.dtype((sample, (channels, samples)))
     table = read_records(path, begin, record, None, notes, limit)
-    numbers = table[..., 0].astype(np.int64).ravel()
-    if channels == 1:
-        _note_repeated(numbers, notes)
     trace_words = table[:, 0, :2].astype(np.int64)
+    if channels == 1:
+        _note_repeated(trace_words[:, 0], notes)
     traces = exact_floats(table, notes)
     traces -= offset  # counts of 8 and 16 bit have no sign
     third_sample = traces[..., 2:3]
