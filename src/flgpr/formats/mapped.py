@@ -284,7 +284,7 @@ class _Importer:
                 "real and imaginary parts are one array"
             )
         if spec.phase is None and not is_real:
-            self._note_polar(np.concatenate([block.ravel() for block in blocks]))
+            self._note_polar(_flat(blocks))
         return blocks
 
     def _note_polar(self, signal: AnyArray) -> None:
@@ -299,9 +299,7 @@ class _Importer:
 
     def _note_kinds(self, sizes: list[AnyArray], phases: list[AnyArray], spec: Signal) -> None:
         """Note magnitudes and phases that look like those of another unit."""
-        magnitude, phase = (
-            np.concatenate([part.ravel() for part in parts]) for parts in (sizes, phases)
-        )
+        magnitude, phase = _flat(sizes), _flat(phases)
         stated = "degrees" if spec.phase_unit == "deg" else "radians"
         unit = _unit_of_phases(phase)
         if unit and unit != stated:
@@ -544,6 +542,11 @@ def _complex(values: AnyArray) -> AnyArray:
     if values.dtype.itemsize <= 2 or values.dtype == np.float32:
         return np.ascontiguousarray(values, np.float32).view(np.complex64)
     return np.ascontiguousarray(values, np.float64).view(np.complex128)
+
+
+def _flat(blocks: list[AnyArray]) -> AnyArray:
+    """Return the values of blocks in a row; those of a single one are not copied."""
+    return blocks[0].ravel() if len(blocks) == 1 else np.concatenate([b.ravel() for b in blocks])
 
 
 def _largest(values: AnyArray) -> float:
