@@ -10,7 +10,6 @@ from collections import deque
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.fft
 from numpy.typing import NDArray
 
 from flgpr.types import BoolArray, FloatArray
@@ -321,8 +320,8 @@ def _power(signal: ComplexArray) -> NDArray[np.floating]:
 def _delay_in(across: ComplexArray) -> float:
     """Return the delay in a cross-spectrum (frequency,), as phase per tone, rad."""
     tones = np.arange(across.size)
-    lags = scipy.fft.next_fast_len(4 * across.size)
-    peak = int(np.argmax(np.abs(scipy.fft.fft(across, lags))))
+    lags = 1 << (4 * across.size - 1).bit_length()
+    peak = int(np.argmax(np.abs(np.fft.fft(across, lags))))
     phase = 2 * np.pi * (peak - lags if peak > lags // 2 else peak) / lags
     half = across.size // 2
     for _ in range(3 if half else 0):  # the phase between the halves of the band refines it
