@@ -229,7 +229,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("out", type=Path)
     parser.add_argument("--conditions", nargs="*", default=list(DECLARED["conditions"]))
+    parser.add_argument("--detectors", nargs="*", choices=list(DECLARED["detectors"]))
     given = parser.parse_args()
+    if given.detectors:
+        DECLARED["detectors"] = {name: DECLARED["detectors"][name] for name in given.detectors}
     heads = ["second drive", "detector", *(f"at {far:g} per m²" for far in DECLARED["fars"])]
     heads += ["against two drives at 0.02", "decoys raised"]
     for condition in given.conditions:
