@@ -194,11 +194,11 @@ def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
 def seed_cases(recipe: StudyRecipe, folder: Path, seed: int) -> dict[str, dict[str, Case]]:
     """Return the cases of a seed by surroundings and site, or read them if they are on disk."""
     models = folder / "models" if seed == 1 else None
-    path = (
-        folder
-        / "lanes"
-        / f"seed-{seed}-{key_of(recipe.model_dump(mode='json', exclude={'vehicle'}))}.json"
-    )
+    # Whoever asks for more seeds keeps those that are done.
+    left_out: dict[str, Any] = {"vehicle": True, "study": {"seeds"}, "sweeps": {"seeds"}}
+    of_seed = recipe.model_dump(mode="json", exclude=left_out)
+    key = key_of(of_seed, seed <= recipe.sweeps.seeds)
+    path = folder / "lanes" / f"seed-{seed}-{key}.json"
     cases: dict[str, dict[str, Case]] = read_or_make(
         path, lambda: run_seed(recipe, seed, recipe.study.share, models)
     )
