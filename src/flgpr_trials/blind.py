@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from flgpr.commands.reach import are_near
 from flgpr.scoring.chance_level import Chance, chance
 from flgpr.scoring.curve import operating_row
 from flgpr.scoring.lane_roc import assign, roc_of
@@ -68,7 +69,8 @@ class BlindScore:
     #: and the Pd that ``chance`` gives. It has no thresholds: the confidence at which Pd rises
     #: would show which alarm lies on a target
     points: pd.DataFrame
-    #: ``n_alarms``, ``n_targets``, ``area`` (m²), ``halo_radius`` (m), ``area_rule``
+    #: ``n_alarms``, ``n_targets``, ``area`` (m²), ``halo_radius`` (m), ``area_rule``, and
+    #: ``targets_outside``, where targets lie too far outside the lane to be found or missed
     counts: dict[str, Any]
     looks: int  #: how often this truth was scored or opened so far, this time included
     lists: int  #: number of different alarm lists among them
@@ -224,7 +226,7 @@ def blind_score(look: BlindLook) -> BlindScore:
         targets = _found_from(matched, area)
     return BlindScore(
         points=pd.concat(tables, ignore_index=True),
-        counts={name: curve.attrs[name] for name in _COUNTS},
+        counts={name: curve.attrs[name] for name in _COUNTS} | look.outside,
         looks=len(look.looks),
         lists=len(lists),
         targets=targets,
@@ -241,7 +243,9 @@ class BlindLook:
     """
 
     matched: Match  #: alarms and targets
-    truth: pd.DataFrame  #: truth table
+    truth: pd.DataFrame  #: truth table, of targets that the searched ground can show
+    #: ``targets_outside``, how many lie farther outside than the halo, if there are any: no misses
+    outside: dict[str, int]
     rules: dict[str, Any]  #: ``halo``, ``area``, ``by`` and ``show``
     looks: list[dict[str, Any]]  #: all looks so far, this one last
     line: dict[str, Any] | None  #: the register's line of the recipe
@@ -299,6 +303,10 @@ def match_blind(
         lanes = {name: lanes[name] for name in only_lanes}
         truth = truth[truth["lane"].isin(lanes)].reset_index(drop=True)
     scored_lanes = lanes if list(lanes) != [""] else lanes[""]
+    in_reach = are_near(truth, scored_lanes, opened.rules["halo"], "truth")
+    beyond = len(truth) - int(in_reach.sum())
+    outside = {"targets_outside": beyond} if beyond else {}
+    truth = truth[in_reach].reset_index(drop=True)
     matched = match(alarms, truth, scored_lanes, opened.rules["halo"])
     entry = {"alarms": alarm_hash(matched.alarms), "n_alarms": len(matched.alarms)}
     checked_log = log_file if witness is None else WitnessedRegister(log_file, Path(witness))
@@ -312,7 +320,7 @@ def match_blind(
             "look": looks[-1]["hash"],
         }
         heads["register"] = enter_opening(registered.register, opening)
-    return BlindLook(matched, truth, opened.rules, looks, line, heads)
+    return BlindLook(matched, truth, outside, opened.rules, looks, line, heads)
 
 
 def _admitted(

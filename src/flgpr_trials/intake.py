@@ -164,8 +164,11 @@ def read_vendor_list(
     rows = parse_table(readable, "alarms", name, reading)
     notes = rows.attrs.get("notes", [])
     if unit is not None:
-        if any(note.startswith(("x taken", "y taken")) for note in notes):
-            raise ValueError(f"unit must not be given where the header states one, got {unit!r}")
+        if rows.attrs.get("has_unit", False):
+            raise ValueError(
+                "unit must not be given where the header states one, or places come by an anchor, "
+                f"got {unit!r}"
+            )
         factor = UNITS["length"][unit]
         rows = rows.assign(x=rows["x"] * factor, y=rows["y"] * factor)
     if "lane" in rows:

@@ -7,6 +7,7 @@ from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from numbers import Real
 
 import numpy as np
 import pandas as pd
@@ -258,7 +259,7 @@ def _check_targets(targets: pd.DataFrame) -> IntArray:
         raise ValueError(
             f"targets must have the columns kind, depth, count; missing: {', '.join(missing)}"
         )
-    taken = [name for name in ("target_id", "x", "y") if name in targets.columns]
+    taken = [name for name in ("target_id", "x", "y", "lane") if name in targets.columns]
     if taken:
         raise ValueError(
             f"targets must not have columns that are drawn here, got {', '.join(taken)}"
@@ -266,6 +267,12 @@ def _check_targets(targets: pd.DataFrame) -> IntArray:
     counts = pd.to_numeric(targets["count"], errors="coerce").to_numpy(dtype=np.float64)
     if len(counts) == 0 or not ((counts >= 1) & (counts == np.floor(counts))).all():
         raise ValueError(f"targets.count must be whole and positive, got {counts.tolist()}")
+    for depth in targets["depth"]:
+        if not isinstance(depth, Real) or not math.isfinite(depth):
+            raise ValueError(f"targets.depth must be finite numbers (m), got {depth!r}")
+    for kind in targets["kind"]:
+        if not isinstance(kind, str) or not kind.strip():
+            raise ValueError(f"targets.kind must say what each target is, got {kind!r}")
     return np.asarray(counts.astype(np.int64))
 
 

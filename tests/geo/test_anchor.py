@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flgpr.geo.anchor import fit_anchor, read_anchor
+from flgpr.geo.anchor import fit_anchor, own_anchor, read_anchor
 from io_geodesy import AZIMUTH, LANE, distance, on_the_ellipsoid
 
 
@@ -32,6 +32,18 @@ def test_a_map_projection_does_not_stretch_the_lane(anchor):
     far = np.array([[0.0, 1000.0, 0]])
     assert distance(mapped.to_geodetic(far), anchor.to_geodetic(far)).max() < 1e-6
     assert anchor.utm() == "EPSG:32632"
+
+
+@pytest.mark.parametrize("height", [1200.0, None])
+def test_the_reference_of_a_run_says_where_its_anchor_says_far_along_the_lane(height):
+    """North at the lane's origin is another than at surveyed points five kilometres away."""
+    at = fit_anchor([[0.0, 5000.0, 0.0]], [[15.0, 60.0]], "EPSG:4326", 0.02, [height], math.pi / 2)
+    reference = at.georeference()
+    assert ("height" in reference) == (height is not None)
+    there = np.array([[0.0, 5000.0, 0.0], [2.0, 5100.0, 0.0]])
+    own = own_anchor(reference)
+    assert distance(own.to_geodetic(there), at.to_geodetic(there)).max() < 0.01
+    assert own.heights_known == at.heights_known
 
 
 @given(st.floats(-179, 179), st.floats(-80, 80), st.floats(-math.pi, math.pi), st.floats(-50, 3000))

@@ -21,9 +21,9 @@ def export(
         PathLike | None,
         anchor_option("needed where the data have no georeference"),
     ] = None,
-    kind: str = "truth",
+    kind: str | None = None,
     time: str | None = None,
-    detection: str = "main",
+    detection: str | None = None,
     score: PathLike | None = None,
     columns: str | None = None,
     organisation: str | None = None,
@@ -39,11 +39,11 @@ def export(
         Result folder, truth or alarm table (CSV), run store (for cphd and sigmf), or folder of a
         live run (for mcap).
     kind
-        What a table holds: alarms, truth or objects.
+        What a table holds: truth (default), alarms or objects.
     time
         Time of the observation (ISO 8601), kept with every point.
     detection
-        Detection of a result: main or a variant.
+        Detection of a result: main (default) or a variant.
     score
         Folder of the result's score, whose truth goes on qgis's map.
     columns

@@ -24,9 +24,9 @@ class Wish:
     output: PathLike
     to: str
     anchor: PathLike | None = None
-    kind: str = "truth"  #: what a table holds
+    kind: str | None = None  #: what a table holds; by default truth
     time: str | None = None  #: of the observation, ISO 8601
-    detection: str = "main"
+    detection: str | None = None  #: of a result; by default the main one
     score: PathLike | None = None  #: folder of the result's score
     columns: str | None = None  #: columns of a table that have other names
     organisation: str | None = None

@@ -104,15 +104,15 @@ def score_one(request: ScoreRequest, track: Track = silent) -> Scored:
     """
     [path] = request.lists
     is_list = path.suffix == ".csv" and not (path.parent / "manifest.json").is_file()
+    reading = request.reading
+    if not is_list and reading is not None and (reading.columns or reading.unranked):
+        name = "columns are" if reading.columns else "unranked is"
+        raise ValueError(f"{name} of alarm lists: a result's list has its own; see truth_columns")
     if is_list or request.lane is not None:
         refuse(given({"objects": request.objects}), "an alarm list is scored without pictures")
         return score_list(request)
 
     refuse(request.rules.keys() & {"halo"}, "a result is scored by the halo of its recipe")
-    reading = request.reading
-    if reading is not None and (reading.columns or reading.unranked):
-        name = "columns are" if reading.columns else "unranked is"
-        raise ValueError(f"{name} of alarm lists: a result's list has its own; see truth_columns")
     folder = path.parent if path.name == "alarms.csv" else path
     return score_result(dataclasses.replace(request, lists=[folder]), track)
 

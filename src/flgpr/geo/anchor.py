@@ -190,12 +190,20 @@ class Anchor:
         return np.asarray(np.sqrt(by_points + by_azimuth))
 
     def georeference(self) -> dict[str, float]:
-        """Return the attribute ``georeference`` of a run: ``latitude``, ``longitude``, ``azimuth``.
+        """Return the attribute ``georeference`` of a run.
 
-        All are in degrees; the azimuth is that of +y, clockwise from true north.
+        It has ``latitude``, ``longitude`` and ``azimuth`` of +y, clockwise from true north, all in
+        degrees and at the lane's origin, where north is another than at the surveyed points; and
+        ``height`` (ellipsoidal, m) where the points had heights.
         """
-        longitude, latitude, _ = (float(value) for value in self.to_geodetic(np.zeros(3)))
-        return {"latitude": latitude, "longitude": longitude, "azimuth": math.degrees(self.azimuth)}
+        longitude, latitude, height = (float(value) for value in self.to_geodetic(np.zeros(3)))
+        east, north, _ = east_north_up((longitude, latitude, height)) @ self.turn((0.0, 1.0, 0.0))
+        reference = {
+            "latitude": latitude,
+            "longitude": longitude,
+            "azimuth": math.degrees(math.atan2(east, north)),
+        }
+        return reference | ({"height": height} if self.heights_known else {})
 
     def utm(self) -> str:
         """Return the UTM zone (WGS 84) that the lane lies in, such as ``EPSG:32633``."""
@@ -257,7 +265,7 @@ def own_anchor(reference: Mapping[str, Any]) -> Anchor:
     Parameters
     ----------
     reference : mapping
-        ``longitude``, ``latitude`` and ``azimuth`` of +y, degrees.
+        ``longitude``, ``latitude`` and ``azimuth`` of +y, degrees; ``height`` (m), which may lack.
 
     Returns
     -------
@@ -270,17 +278,18 @@ def own_anchor(reference: Mapping[str, Any]) -> Anchor:
         If an entry is missing or is no finite number.
     """
     entries = reference if isinstance(reference, Mapping) else {}
+    heights_known = entries.get("height") is not None
     values = []
-    for name in ("longitude", "latitude", "azimuth"):
+    for name in ("longitude", "latitude", "azimuth", *(["height"] if heights_known else [])):
         value = entries.get(name)
         if not isinstance(value, int | float) or not math.isfinite(value):
             raise ValueError(
-                "georeference must have longitude, latitude and azimuth in degrees, "
-                f"got {reference!r}"
+                "georeference must have longitude, latitude and azimuth in degrees, and a height "
+                f"in m or none, got {reference!r}"
             )
         values.append(float(value))
-    longitude, latitude, azimuth = values
-    return anchor_at((longitude, latitude, 0.0), math.radians(azimuth), heights_known=False)
+    longitude, latitude, azimuth, height = (*values, 0.0)[:4]
+    return anchor_at((longitude, latitude, height), math.radians(azimuth), heights_known)
 
 
 def anchor_at(

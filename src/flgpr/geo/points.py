@@ -16,6 +16,8 @@ import numpy as np
 import pandas as pd
 
 from flgpr.geo.anchor import Anchor
+from flgpr.model.printable import printable
+from flgpr.store.notes import log_note
 from flgpr.store.writing import write_features, write_table
 
 STATEMENT = (
@@ -46,21 +48,24 @@ def georeference(
     Returns
     -------
     DataFrame
-        The table with ``longitude``, ``latitude`` (WGS 84, degrees), ``height`` (ellipsoidal, m;
-        NaN where the anchor has none), ``anchor_sigma`` (m, one standard deviation in the worst
+        The table with ``longitude``, ``latitude`` (WGS 84, degrees), ``ellipsoidal_height`` (m; NaN
+        where the anchor has none), ``anchor_sigma`` (m, one standard deviation in the worst
         direction by the anchor alone), ``crs``, ``time``, ``processing_id`` and ``nature``; x and y
-        are ``lane_x`` and ``lane_y``.
+        are ``lane_x`` and ``lane_y``. Such columns of an earlier export are replaced, but a time of
+        its own that a table has stays without ``time``.
 
     Raises
     ------
     ValueError
-        If the kind is unknown, x or y is missing, or the identity or time is not valid.
+        If the kind is unknown, x or y is missing, rows are of several lanes, or the identity or
+        time is not valid.
     """
     if kind not in NATURES:
         raise ValueError(f"kind must be one of {', '.join(NATURES)}, got {kind!r}")
     missing = [name for name in ("x", "y") if name not in table.columns]
     if missing:
         raise ValueError(f"{kind} must have x and y, got {', '.join(map(str, table.columns))}")
+    require_one_lane(table)
     if not processing_id:
         raise ValueError("processing_id must say what the rows came from, got nothing")
     stamp = "" if time is None else _stamp(time)
@@ -68,16 +73,32 @@ def georeference(
     y = table["y"].to_numpy(dtype=np.float64)
     on_ground = np.stack([x, y, np.zeros_like(x)], axis=-1)
     geodetic = anchor.to_geodetic(on_ground).reshape(-1, 3)
-    out = table.rename(columns={"x": "lane_x", "y": "lane_y"}).reset_index(drop=True)
-    out["longitude"] = geodetic[:, 0]
-    out["latitude"] = geodetic[:, 1]
-    out["height"] = geodetic[:, 2] if anchor.heights_known else np.nan
-    out["anchor_sigma"] = anchor.uncertainty(x, y)
-    out["crs"] = "EPSG:4326"
-    out["time"] = stamp
-    out["processing_id"] = processing_id
-    out["nature"] = NATURES[kind]
-    return out
+    placed = {
+        "longitude": geodetic[:, 0],
+        "latitude": geodetic[:, 1],
+        "ellipsoidal_height": geodetic[:, 2] if anchor.heights_known else np.nan,
+        "anchor_sigma": anchor.uncertainty(x, y),
+        "crs": "EPSG:4326",
+        "time": table["time"].to_numpy() if "time" in table and time is None else stamp,
+        "processing_id": processing_id,
+        "nature": NATURES[kind],
+    }
+    replaced = [name for name in table if name in ("lane_x", "lane_y", *placed)]
+    kept = table.drop(columns=replaced).reset_index(drop=True)
+    replaced = [name for name in replaced if name != "time" or time is not None]
+    if replaced:
+        log_note(f"{kind}: the columns {', '.join(replaced)} of the table are written anew")
+    return kept.rename(columns={"x": "lane_x", "y": "lane_y"}).assign(**placed)
+
+
+def require_one_lane(table: pd.DataFrame) -> None:
+    """Refuse a table with rows of several lanes, of which one anchor would put all on one ground."""
+    lanes = set(table["lane"].dropna().astype(str)) - {""} if "lane" in table.columns else set()
+    if len(lanes) > 1:
+        raise ValueError(
+            f"anchor ties one lane to the Earth, got rows of {len(lanes)} lanes "
+            f"({', '.join(map(printable, sorted(lanes)[:5]))}): give the rows of each with its own anchor"
+        )
 
 
 def write_earth_geojson(
@@ -99,7 +120,7 @@ def write_earth_geojson(
     OSError
         If the file cannot be written.
     """
-    names = ["longitude", "latitude", "height"]
+    names = ["longitude", "latitude", "ellipsoidal_height"]
     coordinates = []
     for longitude, latitude, height in points[names].to_numpy(dtype=float).tolist():
         point = [round(longitude, 9), round(latitude, 9)]

@@ -456,6 +456,27 @@ def _in_lane_frame(
     return table.drop(columns=pair).assign(x=lane[:, 0], y=lane[:, 1])
 
 
+def places_have_unit(header: Sequence[str], targets: Mapping[int, str]) -> bool:
+    """Return whether a header states the unit of x or y, or has places on the Earth in their stead.
+
+    Parameters
+    ----------
+    header : sequence of str
+        Names of the columns as the file has them.
+    targets : mapping of int to str
+        Result of :func:`column_targets` for them.
+
+    Returns
+    -------
+    bool
+        Whether it does.
+    """
+    stated = {target: _split_unit(header[number])[1] for number, target in targets.items()}
+    return not {"x", "y"} <= stated.keys() or any(
+        stated[axis].lower() not in _NO_UNIT for axis in "xy"
+    )
+
+
 def _split_unit(name: str) -> tuple[str, str]:
     """Return a column's name and its unit, which stands in brackets or at the end."""
     text = name.strip()

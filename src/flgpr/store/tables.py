@@ -25,6 +25,7 @@ from flgpr.store.dialects import (
     column_targets,
     first_line,
     named_columns,
+    places_have_unit,
     separator_of,
     without_comments,
 )
@@ -73,7 +74,8 @@ def read_table(path: str | Path, kind: str, reading: TableReading | None = None)
     Returns
     -------
     DataFrame
-        The checked table, positions in m; ``attrs["notes"]`` lists what was logged.
+        The checked table, positions in m; ``attrs["notes"]`` lists what was logged, and
+        ``attrs["has_unit"]`` is true where the header or the anchor says in what places are.
 
     Raises
     ------
@@ -191,7 +193,9 @@ def _parse_dialect(data: bytes, kind: str, reading: TableReading) -> tuple[pd.Da
     elif kind == "alarms":
         table, notes_on_ranks = _with_equal_ranks(table)
         notes += notes_on_ranks
-    return _CHECKS[kind](table), notes
+    checked = _CHECKS[kind](table)
+    checked.attrs["has_unit"] = places_have_unit(header, targets)
+    return checked, notes
 
 
 def split_alarm_rows(

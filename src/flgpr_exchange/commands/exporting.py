@@ -22,7 +22,7 @@ from flgpr.geo.anchor import Anchor
 from flgpr.geo.geodesy import transform_lonlat
 from flgpr.geo.geotiff import write_geotiff
 from flgpr.geo.points import STATEMENT, georeference, write_earth_csv, write_earth_geojson
-from flgpr.method.detection import Detection
+from flgpr.method.detection import MAIN, Detection
 from flgpr.results.result import Result, read_result
 from flgpr.results.score import read_scored_truth
 from flgpr.store import open_run, sha256
@@ -49,13 +49,38 @@ _POINT_COLOURS = {"truth": "#d7263d", "objects": "#707070"}
 _SHADED_QUANTILES = (0.5, 0.998)
 
 
+_GOES_WITH = {
+    "kind": "a table of points",
+    "columns": "a table",
+    "detection": "a result",
+    "time": "points, maps and recordings",
+    "score": "qgis",
+    "organisation": "imsma",
+}
+"""What the options of an export that not every format takes go with."""
+
+
+def output_of(wish: Wish, *taken: str) -> Path:
+    """Return the path to write; options other than those that are taken are refused."""
+    for name, place in _GOES_WITH.items():
+        if getattr(wish, name) is not None and name not in taken:
+            raise ValueError(f"{name} goes with {place}, got to {wish.to!r} of {wish.source}")
+    return check_parent_folder(wish.output)
+
+
+def _is_table(wish: Wish) -> bool:
+    """Return whether a table, not a result, is exported."""
+    return Path(wish.source).suffix.lower() == ".csv"
+
+
 def export_run(wish: Wish) -> Path:
     """Export a stored run as CPHD; it must have a place on the Earth."""
-    target = output_of(wish)
+    target = output_of(wish, "time")
+    begin = None if wish.time is None else moment_of(wish.time)
     run = open_run(wish.source)
     anchor = needed_anchor(wish.anchor, run.attrs.get("georeference"), wish.source)
     with atomic_output(target) as partial:
-        write_cphd(run, partial, anchor)
+        write_cphd(run, partial, anchor, begin=begin)
     return target
 
 
@@ -65,7 +90,7 @@ def export_sigmf(wish: Wish) -> Path:
     Without an anchor, its own or another, the recording has no places, and without a time of the
     first scan it has no dates.
     """
-    target = output_of(wish)
+    target = output_of(wish, "time")
     begin = None if wish.time is None else moment_of(wish.time)
     run = open_run(wish.source)
     reference = run.attrs.get("georeference")
@@ -73,14 +98,6 @@ def export_sigmf(wish: Wish) -> Path:
     if wish.anchor is not None or reference is not None:
         anchor = needed_anchor(wish.anchor, reference, wish.source)
     return write_sigmf(run, target, anchor, begin)
-
-
-def output_of(wish: Wish, *taken: str) -> Path:
-    """Return the path to write; options that go with another format alone are refused."""
-    for name, format_name in (("score", "qgis"), ("organisation", "imsma")):
-        if getattr(wish, name) is not None and name not in taken:
-            raise ValueError(f"{name} goes with {format_name}, got to {wish.to!r}")
-    return check_parent_folder(wish.output)
 
 
 def moment_of(time: str, limits: str = "") -> datetime:
@@ -110,8 +127,8 @@ class _Rows:
 
 def export_points(wish: Wish) -> Path:
     """Export the alarms of a result, or a table, as points on the Earth."""
-    target = output_of(wish)
-    rows = _rows_of(wish, wish.kind)
+    target = output_of(wish, "time", *(("kind", "columns") if _is_table(wish) else ("detection",)))
+    rows = _rows_of(wish, wish.kind or "truth")
     points = rows.points(wish.time)
     about = {
         "kind": rows.kind,
@@ -133,7 +150,8 @@ def export_points(wish: Wish) -> Path:
 
 def export_imsma(wish: Wish) -> Path:
     """Export alarms as a table of points for IMSMA, the information system of mine action."""
-    target = output_of(wish, "organisation")
+    of_source = "columns" if _is_table(wish) else "detection"
+    target = output_of(wish, "organisation", "time", of_source)
     if wish.time is None:
         raise ValueError(
             "imsma needs the time of the survey, which its minimum data hold: "
@@ -163,9 +181,7 @@ def _parsed(
 
 def _rows_of(wish: Wish, kind: str) -> _Rows:
     """Return the rows of a table (CSV) of a kind, or the alarms of a result."""
-    if Path(wish.source).suffix != ".csv":
-        if wish.columns is not None and wish.to == "imsma":
-            raise ValueError("columns are of alarm lists: a result's list has its own")
+    if not _is_table(wish):
         loaded, chosen, anchor = _result_of(wish)
         return _Rows(chosen.alarms, "alarms", anchor, _processing_id(loaded))
     data = read_named(existing(wish.source, f"{kind} file"))
@@ -181,7 +197,7 @@ def _rows_of(wish: Wish, kind: str) -> _Rows:
 def _result_of(wish: Wish) -> tuple[Result, Detection, Anchor]:
     """Return a result, the detection of it that is asked for, and the anchor of its lane."""
     loaded = read_result(wish.source)
-    chosen = named_detection(loaded, wish.detection)
+    chosen = named_detection(loaded, wish.detection or MAIN)
     return loaded, chosen, _anchor_of(wish, loaded.manifest["run"].get("georeference"))
 
 
@@ -197,8 +213,8 @@ def _anchor_of(wish: Wish, reference: Any) -> Anchor:
 
 def export_view(wish: Wish) -> Path:
     """Export the run-view of a result as GeoTIFF."""
-    target = output_of(wish)
-    if Path(wish.source).suffix == ".csv":
+    target = output_of(wish, "detection")
+    if _is_table(wish):
         raise ValueError(f"to must be one of geojson, gpkg, kml, gpx, csv, got {wish.to!r}")
     loaded, chosen, anchor = _result_of(wish)
     with atomic_output(target) as partial:
@@ -212,7 +228,7 @@ def export_qgis(wish: Wish) -> Path:
     The layers are the alarms, styled by confidence, the truth and objects if the result was scored
     with them, the lane's outline, and the run-view.
     """
-    target = output_of(wish, "score")
+    target = output_of(wish, "score", "time", "detection")
     if target.suffix != ".zip":
         raise ValueError(f"output must end in .zip, got {wish.output}")
 

@@ -21,7 +21,7 @@ from flgpr.geo import own_anchor, read_anchor
 from flgpr.geo.points import STATEMENT
 from flgpr.json_text import parse_json
 from flgpr.live.events import EVENT_FILE, add_places_on_earth
-from flgpr.method.detection import Detection
+from flgpr.method.detection import MAIN, Detection
 from flgpr.method.look_samples import decibels
 from flgpr.model import POSE_COMPONENTS
 from flgpr.results.result import Result, read_result
@@ -77,11 +77,11 @@ _UNTIMED_SPACING = _SECOND  # from scan to scan of a result, which has no times
 
 def export_recording(wish: Wish) -> Path:
     """Write a recording in MCAP of a live run or of a result; a live run has its own times."""
-    target = output_of(wish)
+    target = output_of(wish, "time", "detection")
     is_live = wish.replace or (Path(wish.source) / EVENT_FILE).is_file()
     if not is_live:
         return _record_result(wish, target)
-    if wish.anchor is not None or wish.time is not None or wish.detection != "main":
+    if wish.anchor is not None or wish.time is not None or wish.detection is not None:
         raise ValueError(
             "anchor, time and detection go with a result; "
             f"{wish.source} is a live run, whose events have times and places"
@@ -274,7 +274,7 @@ def _record_result(wish: Wish, target: Path) -> Path:
             )
         begin = _nanoseconds(seconds)
     loaded = read_result(wish.source)
-    chosen = named_detection(loaded, wish.detection)
+    chosen = named_detection(loaded, wish.detection or MAIN)
     alarms = _alarms_of(loaded, chosen, wish.anchor)
     with atomic_output(target) as partial, mcap_file(partial, TOPICS) as writer:
         for topic, message in _result_messages(loaded, chosen, alarms, begin):

@@ -12,6 +12,7 @@ import math
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -48,7 +49,11 @@ class _Channel(NamedTuple):
 
 
 def write_cphd(
-    run: xr.Dataset, path: str | Path, anchor: Anchor, scene: Grid | None = None
+    run: xr.Dataset,
+    path: str | Path,
+    anchor: Anchor,
+    scene: Grid | None = None,
+    begin: datetime | None = None,
 ) -> Path:
     """Write a run as CPHD; the file is complete or absent.
 
@@ -65,6 +70,9 @@ def write_cphd(
     scene : Grid, optional
         The ground the data are about, in the lane frame, its centre the reference point; by default
         20 m square ahead of the mean of the poses.
+    begin : datetime, optional
+        Time of the first scan, with its time zone; by default the file says 1970, for it must say
+        something.
 
     Returns
     -------
@@ -117,7 +125,7 @@ def write_cphd(
 
     names = list(signals)
     with _without_sarkits_warnings():
-        tree = metadata_tree(run, names, vectors, anchor, scene, time)
+        tree = metadata_tree(run, names, vectors, anchor, scene, time, begin)
         root = sarkit.ElementWrapper(tree.getroot())
     dtype = sarkit.get_pvp_dtype(tree)
     records = {name: np.zeros(len(time), dtype) for name in names}

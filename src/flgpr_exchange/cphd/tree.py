@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ ADDED = tuple(f"flgpr_{name}" for name in POSE_COMPONENTS)
 TIME = "flgpr_time"
 _LONGEST_TITLE = 200  # characters
 _WORD = 8  # bytes
+_UNKNOWN = datetime.fromtimestamp(0, UTC)  # when the data were taken: CPHD must have a time
 _CORNERS = ((-1, 1), (1, 1), (1, -1), (-1, -1))
 """Signs of x and y from the centre of the scene, clockwise as CPHD has them."""
 
@@ -33,6 +35,7 @@ def metadata_tree(
     anchor: Anchor,
     scene: Grid,
     time: FloatArray,
+    begin: datetime | None = None,
 ) -> Any:
     """Return the XML tree of a run's channels.
 
@@ -50,6 +53,8 @@ def metadata_tree(
         The ground the data are about, in the lane frame.
     time : (scan,) ndarray of float
         Times of the scans, s.
+    begin : datetime, optional
+        Time of the first scan; by default the beginning of 1970.
 
     Returns
     -------
@@ -80,6 +85,7 @@ def metadata_tree(
         "flgpr_exchange.cphd",
         "metadata.xml",
         title=str(run.attrs.get("title", "run"))[:_LONGEST_TITLE] or "run",
+        begin=(begin or _UNKNOWN).astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ"),
         first_time=float(time[0]),
         last_time=float(time[-1]),
         lowest=float(first["FX1"][0]),

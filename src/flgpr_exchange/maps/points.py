@@ -7,6 +7,7 @@ not thereby free of hazards.
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +20,17 @@ from flgpr.geo.points import NATURES, STATEMENT
 from flgpr.model.lane import Lane
 from flgpr.store.extras import optional
 from flgpr.store.files import write_whole
+from flgpr.store.notes import log_note
 from flgpr.store.outputs import atomic_output
 from flgpr.store.writing import json_value
 from flgpr.types import Entries, FloatArray
 from flgpr_exchange.documents import document
 
 _KEYS = ("alarm_id", "target_id", "object_id")
+_TOLD = ("confidence", "kind", "depth")
+"""Columns that the text of a waypoint tells, where a table has them."""
+_COLUMNS_OF_GEOPACKAGE = ("fid", "geom", "geometry")
+"""Columns that every layer of a GeoPackage has of its own."""
 
 
 def write_kml(points: pd.DataFrame, path: str | Path, title: str) -> None:
@@ -74,13 +80,36 @@ def write_gpx(points: pd.DataFrame, path: str | Path) -> None:
 
 
 def _marks(points: pd.DataFrame) -> list[Entries]:
-    """Return points with their names, and with their values as JSON has them."""
+    """Return points with their names, times and descriptions, and their values as JSON has them."""
     marks = []
     for number, row in enumerate(points.to_dict("records"), start=1):
         entries = {str(name): json_value(value) for name, value in row.items()}
         names = [row[key] for key in _KEYS if isinstance(row.get(key), str)]
-        marks.append({"name": names[0] if names else f"{number}", "row": row, "entries": entries})
+        mark = {"name": names[0] if names else f"{number}", "row": row, "entries": entries}
+        marks.append(mark | {"time": _in_utc(row["time"]), "about": _in_words(entries)})
     return marks
+
+
+def _in_utc(time: Any) -> str:
+    """Return a time with a zone as KML and GPX have it; "" for what is none."""
+    try:
+        moment = datetime.fromisoformat(time)
+    except (TypeError, ValueError):
+        return ""
+    return "" if moment.tzinfo is None else f"{moment.astimezone(UTC):%Y-%m-%dT%H:%M:%S.%fZ}"
+
+
+def _in_words(entries: Entries) -> str:
+    """Return what a point is, for receivers that show a name and a text and nothing else."""
+    lane = entries.get("lane")
+    x, y = entries["lane_x"], entries["lane_y"]
+    words = [
+        f"{entries['nature']}: x {x:.3f} m, y {y:.3f} m in {f'lane {lane}' if lane else 'the lane'}"
+    ]
+    words += [f"{name} {entries[name]}" for name in _TOLD if entries.get(name) not in (None, "")]
+    if entries["anchor_sigma"] is not None:
+        words.append(f"anchor good to {entries['anchor_sigma']:.3f} m")
+    return "; ".join([*words, f"{entries['crs']}", f"from {entries['processing_id']}"])
 
 
 def write_geopackage(points: pd.DataFrame, path: str | Path, layer: str) -> None:
@@ -105,11 +134,28 @@ def write_geopackage(points: pd.DataFrame, path: str | Path, layer: str) -> None
     geopandas = optional("geopandas", "gis")
     optional("pyogrio", "gis")
     frame = geopandas.GeoDataFrame(
-        points.drop(columns=["longitude", "latitude"]),
+        _with_own_names(points.drop(columns=["longitude", "latitude"])),
         geometry=geopandas.points_from_xy(points["longitude"], points["latitude"]),
         crs="EPSG:4326",
     )
     _write_layer(frame, Path(path), layer)
+
+
+def _with_own_names(points: pd.DataFrame) -> pd.DataFrame:
+    """Return points whose columns have names that a GeoPackage tells apart, which knows no case."""
+    taken = {*_COLUMNS_OF_GEOPACKAGE, *(str(name).casefold() for name in points)}
+    seen = set(_COLUMNS_OF_GEOPACKAGE)
+    names = []
+    for name in map(str, points):
+        number, own = 2, name
+        while own.casefold() in seen or (own != name and own.casefold() in taken):
+            number, own = number + 1, f"{name}_{number}"
+        seen.add(own.casefold())
+        names.append(own)
+    renamed = [f"{old} as {new}" for old, new in zip(points, names, strict=True) if old != new]
+    if renamed:
+        log_note(f"columns that a GeoPackage does not tell apart: {', '.join(renamed)}")
+    return points.set_axis(names, axis=1)
 
 
 def write_outline(lane: Lane, path: str | Path, anchor: Anchor) -> None:

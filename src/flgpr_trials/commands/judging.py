@@ -93,6 +93,7 @@ def give_verdict(home: Path, passphrase: Phrase, overwrite: bool = False) -> Ver
             "signed": one.line["signed"],
             "signed_line": one.line["number"],
             "looks": len(look.looks),
+            **look.outside,
             **look.heads,
         }
         if table["confidence"].nunique() == 1:

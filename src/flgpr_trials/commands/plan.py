@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -159,7 +160,8 @@ def plan_lane(
     Raises
     ------
     ValueError
-        If an input is not valid, or a truth was opened under the register; nothing is written then.
+        If an input is not valid, one anchor is given for several lanes, or a truth was opened under
+        the register; nothing is written then.
     FileExistsError
         If another plan or another file is there.
 
@@ -170,10 +172,13 @@ def plan_lane(
     it was registered is finished.
     """
     from flgpr.commands.exports import Wish, write_export
+    from flgpr.commands.reach import table_doubts
     from flgpr.commands.scoring import borders, read_lanes
     from flgpr.geo import read_anchor
+    from flgpr.geo.points import require_one_lane
     from flgpr.store.extras import optional
     from flgpr.store.files import check_new
+    from flgpr.store.notes import log_note
     from flgpr.store.outputs import log_finished, output_exists_error, write_new
     from flgpr.store.writing import csv_text
     from flgpr_trials.commands import crew
@@ -191,12 +196,19 @@ def plan_lane(
     lanes = read_lanes(lane)
     plan = crew.drawn_plan(lanes, targets, seed, spacing, edge)
     plan[REGISTER_COLUMN] = register.name
+    for doubt in table_doubts(plan, "truth", lanes):
+        log_note(f"{Path(targets).name}: {doubt}")
     lane_anchor = None if anchor is None else read_anchor(anchor)
+    if lane_anchor is not None:
+        require_one_lane(plan)
     # What may be missing is looked for before anything is written.
     if lane_anchor is not None:
         optional("geopandas", "gis")
 
     rules = {"halo": float(halo), "far": float(far)}
+    for name, value in rules.items():
+        if not (math.isfinite(value) and value > 0):
+            raise ValueError(f"{name} must be positive and finite, got {value:g}")
     entry: dict[str, Any] = {
         "event": "plan",
         "lanes": borders(lanes),
