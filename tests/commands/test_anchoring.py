@@ -7,6 +7,7 @@ import pytest
 from pyproj import Geod, Transformer
 from typer.testing import CliRunner
 
+from flgpr.commands.anchor import anchor
 from flgpr.commands.app import app
 from flgpr.geo import read_anchor
 from flgpr.store import open_run, save_run
@@ -109,3 +110,11 @@ def test_faults_are_told_and_nothing_is_written(survey):
     refused("must fit one another", swapped, *crs, *accuracy, *write)
     swapped.write_text("lane_x_m,lane_y_m,easting_m\n1,2,3\n")
     refused("must have lane_x_m and lane_y_m, and either", swapped, *crs, *accuracy, *write)
+
+
+def test_options_of_a_table_of_points_do_nothing_in_silence_beside_an_anchor(survey):
+    options = {"crs": "EPSG:32633", "accuracy": 0.02, "write": survey / "anchor.toml"}
+    anchor(survey / "points.csv", **options)
+    for name, value in options.items():
+        with pytest.raises(ValueError, match="crs, accuracy and write go with a CSV"):
+            anchor(survey / "anchor.toml", **{name: value})

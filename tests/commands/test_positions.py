@@ -33,7 +33,7 @@ def test_a_file_of_an_anchor_counts_before_the_run_s_own(anchor):
 def test_a_run_is_tied_in_a_copy(small_run, anchor):
     assert tied_run(small_run, None) is small_run
     tied = tied_run(small_run, read_anchor(anchor))
-    assert set(tied.attrs["georeference"]) == set(REFERENCE)
+    assert set(tied.attrs["georeference"]) == {*REFERENCE, "height"}
     assert tied.attrs["site"] == "yard"
     assert "georeference" not in small_run.attrs
 

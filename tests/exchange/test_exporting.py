@@ -202,3 +202,24 @@ def test_a_list_of_another_kind_names_the_option(anchor, tmp_path):
     with pytest.raises(ValueError, match="truth must have the columns") as told:
         export(path, tmp_path / "a.geojson", "geojson", anchor)
     assert "--kind" not in str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("to", "of_result", "option", "words"),
+    [
+        ("kml", True, {"kind": "truth"}, "kind goes with a table of points"),
+        ("csv", True, {"columns": "x=foo"}, "columns goes with a table"),
+        ("csv", False, {"detection": "variant"}, "detection goes with a result"),
+        ("geotiff", True, {"time": "2026-05-04T09:30:00Z"}, "time goes with"),
+        ("cphd", False, {"kind": "truth"}, "kind goes with a table of points"),
+    ],
+)
+def test_an_option_that_would_do_nothing_is_refused(
+    result, anchor, tmp_path, to, of_result, option, words
+):
+    truth = tmp_path / "T.CSV"
+    truth.write_text("target_id,x,y,kind,depth\na,0,1,metal,0\n")
+    source = result if of_result else truth
+    with pytest.raises(ValueError, match=words):
+        export(source, tmp_path / "out", to, anchor, **option)
+    assert not (tmp_path / "out").exists()

@@ -11,7 +11,7 @@ import xarray as xr
 from flgpr.geo.anchor import fit_anchor
 from flgpr.geo.geotiff import RUN_VIEW_QUANTITY, write_geotiff
 from flgpr.geo.points import STATEMENT, georeference, write_earth_csv, write_earth_geojson
-from flgpr_exchange.maps.points import write_geopackage, write_kml
+from flgpr_exchange.maps.points import write_geopackage, write_gpx, write_kml
 from io_geodesy import LANE, distance, on_the_ellipsoid
 
 ALARMS = pd.DataFrame(
@@ -260,3 +260,49 @@ def test_a_small_geotiff_has_one_tile_and_equal_views_give_equal_bytes(
     [(_, numbers)] = tiff_directories(data)
     assert len(numbers[TILE_OFFSETS]) == 1
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.tif", "b.tif"]
+
+
+def test_columns_of_a_table_stay_beside_what_an_export_adds(anchor):
+    """A truth's height is its body's, and an alarm has a time of its own."""
+    own = ALARMS.assign(
+        height=[0.08, 0.1, 0.2], time=["2026-05-01T10:00:00Z", "", "x"], lane_x=77.0
+    )
+    points = georeference(own, anchor, "alarms", "run-1")
+    assert points["height"].tolist() == [0.08, 0.1, 0.2]
+    assert points["time"].tolist() == ["2026-05-01T10:00:00Z", "", "x"]
+    assert points["ellipsoidal_height"].to_numpy() == pytest.approx(0.0, abs=1e-3)
+    assert points["lane_x"].tolist() == ALARMS["x"].tolist()
+    assert not points.columns.duplicated().any()
+    stamped = georeference(own, anchor, "alarms", "run-1", "2026-11-21T10:00:00+00:00")
+    assert stamped["time"].unique().tolist() == ["2026-11-21T10:00:00+00:00"]
+
+
+def test_one_anchor_does_not_put_two_lanes_on_one_ground(anchor):
+    with pytest.raises(ValueError, match=r"anchor ties one lane .* got rows of 2 lanes \(A, B\)"):
+        georeference(ALARMS.assign(lane=["A", "B", "A"]), anchor, "alarms", "run-1")
+    assert len(georeference(ALARMS.assign(lane=["A", "", None]), anchor, "alarms", "run-1")) == 3
+
+
+def test_a_waypoint_says_what_it_is_in_words_and_when_in_utc(anchor, tmp_path):
+    time = "2026-11-21T10:00:00+02:00"
+    points = georeference(ALARMS.assign(lane="A", depth=0.1), anchor, "alarms", "run-1", time)
+    write_gpx(points, tmp_path / "a.gpx")
+    gpx = "{http://www.topografix.com/GPX/1/1}"
+    [first, *_, last] = ElementTree.parse(tmp_path / "a.gpx").iter(f"{gpx}wpt")
+    assert first.findtext(f"{gpx}time") == "2026-11-21T08:00:00.000000Z"
+    words = first.findtext(f"{gpx}desc")
+    assert words.startswith("evidence point: x 0.500 m, y 3.000 m in lane A; confidence 4.2; ")
+    assert words.endswith("m; EPSG:4326; from run-1")
+    assert "depth 0.1" in words
+    assert "confidence" not in last.findtext(f"{gpx}desc")
+
+
+def test_columns_that_a_geopackage_does_not_tell_apart_are_renamed(anchor, tmp_path):
+    pyogrio = pytest.importorskip("pyogrio")
+    pytest.importorskip("geopandas")
+    own = ALARMS.assign(fid=[1, 1, 2], kind="metal", Kind="steel")
+    write_geopackage(georeference(own, anchor, "alarms", "run-1"), tmp_path / "a.gpkg", "alarms")
+    read = pyogrio.read_dataframe(tmp_path / "a.gpkg")
+    assert read["fid_2"].tolist() == [1, 1, 2]
+    assert set(read["kind"]) == {"metal"}
+    assert set(read["Kind_2"]) == {"steel"}

@@ -6,6 +6,7 @@ import pytest
 
 from flgpr.model import Lane
 from flgpr.scoring import operating_row, roc
+from flgpr.store import lane_text
 from flgpr.trials import (
     alarm_hash,
     content_hash,
@@ -15,6 +16,7 @@ from flgpr.trials import (
     score_blind,
     seal_truth,
 )
+from flgpr_trials.commands.seal import seal
 
 LANE = Lane(0.0, 4.0, 0.0, 30.0)
 TRUTH = pd.DataFrame(
@@ -109,3 +111,28 @@ def test_a_sealed_truth_of_several_lanes_is_scored_as_the_open_one(tmp_path):
     assert score.counts["area"] == pytest.approx(
         roc(ALARMS.assign(lane="q"), named, lanes).attrs["area"]
     )
+
+
+def test_a_target_that_no_alarm_of_the_lane_can_reach_is_no_miss(tmp_path):
+    """As in the open score, which counts such targets apart."""
+    pytest.importorskip("cryptography")
+    far = TRUTH.assign(target_id=["a", "b", "beyond"], y=[5.0, 10.0, LANE.y_max + 10])
+    score = score_blind(ALARMS, seal_truth(far, LANE, tmp_path / "sealed", PHRASE), PHRASE)
+    assert score.counts["n_targets"] == 2
+    assert score.counts["targets_outside"] == 1
+    every = score.points[score.points["group"] == "all"]
+    assert every["n_targets"].tolist() == [2] * len(every)
+    assert "beyond" not in str(score)
+
+
+def test_sealing_tells_the_owner_of_targets_out_of_reach(tmp_path, caplog):
+    pytest.importorskip("cryptography")
+    caplog.set_level("INFO", "flgpr.notes")
+    (tmp_path / "truth.csv").write_text(
+        "target_id,x,y,kind,depth\na,1,5,metal,5\nb,2,10,metal,0\nbeyond,1,900,metal,0\n"
+    )
+    (tmp_path / "lane.toml").write_text(lane_text(LANE))
+    seal(tmp_path / "truth.csv", tmp_path / "lane.toml", tmp_path / "sealed", passphrase=PHRASE)
+    words = caplog.text
+    assert "1 of 3 targets lie more than the halo of 1 m outside" in words
+    assert "are these centimetres?" in words

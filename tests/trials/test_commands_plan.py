@@ -1,6 +1,7 @@
 """Plans of tests: lanes that are drawn and registered, and sizes of samples."""
 
 import json
+import math
 
 import pandas as pd
 import pytest
@@ -53,3 +54,39 @@ def test_a_sample_size_is_told_in_words():
     believed = ["--true-pd", "0.97", "--true-far", "0.005"]
     words = CliRunner().invoke(app, ["plan", "mines", *believed]).stdout
     assert len(words.splitlines()) == 5
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        ({"far": -1.0}, "far must be positive and finite, got -1"),
+        ({"halo": 0.0}, "halo must be positive and finite, got 0"),
+        ({"halo": math.nan}, "halo must be positive and finite, got nan"),
+    ],
+)
+def test_rules_by_which_nothing_can_be_scored_are_not_registered(scoring_files, option, words):
+    files = [scoring_files / name for name in ("lane.toml", "sorts.csv", "plan.csv")]
+    with pytest.raises(ValueError, match=words):
+        plan_lane(*files, 7, **option)
+    assert not [path for path in scoring_files.iterdir() if path.name.startswith("plan")]
+
+
+def test_a_plan_of_depths_in_centimetres_is_doubted(scoring_files, caplog):
+    caplog.set_level("INFO", "flgpr.notes")
+    (scoring_files / "cm.csv").write_text("kind,depth,count\nmetal,5,2\n")
+    plan_lane(scoring_files / "lane.toml", scoring_files / "cm.csv", scoring_files / "plan.csv", 7)
+    assert "are these centimetres?" in caplog.text
+
+
+def test_one_anchor_ties_no_two_lanes(scoring_files):
+    (scoring_files / "lanes.csv").write_text(
+        "lane,x_min,x_max,y_min,y_max\nA,-2,2,0,50\nB,-2,2,0,50\n"
+    )
+    (scoring_files / "anchor.toml").write_text(
+        'crs = "EPSG:4326"\naccuracy = 0.02\nazimuth_deg = 0.0\nazimuth_accuracy_deg = 0.1\n'
+        "[[point]]\nlane = [0.0, 0.0]\nlongitude = 15.0\nlatitude = 48.0\n"
+    )
+    files = [scoring_files / name for name in ("lanes.csv", "sorts.csv", "plan.csv")]
+    with pytest.raises(ValueError, match=r"anchor ties one lane .* got rows of 2 lanes \(A, B\)"):
+        plan_lane(*files, 7, anchor=scoring_files / "anchor.toml")
+    assert not (scoring_files / "plan.csv").exists()

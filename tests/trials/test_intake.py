@@ -2,6 +2,7 @@
 
 import pytest
 
+from flgpr.geo import read_anchor
 from flgpr.model import Lane
 from flgpr.store.dialects import TableReading
 from flgpr_trials.intake import read_vendor_list
@@ -54,6 +55,8 @@ def test_a_list_without_faults_is_used_as_a_whole_whatever_its_dialect():
     assert "y taken from cm to m" in taken.notes
     with pytest.raises(ValueError, match="unit must not be given where the header states one"):
         read("x_cm,y_cm,confidence\n0,10,1\n", unit="cm")
+    with pytest.raises(ValueError, match="unit must not be given where the header states one"):
+        read("x_m,y_m,confidence\n0,10,1\n", unit="ft")
     with pytest.raises(ValueError, match=r"unit must be one of m, .* got 'ell'"):
         read(rows(SPREAD), unit="ell")
 
@@ -122,3 +125,13 @@ def test_rows_of_no_lane_of_the_test_are_dropped():
     assert taken.dropped[0].reason == 'lane is "c"'
     with pytest.raises(ValueError, match="must have the column lane, for there are 2 lanes"):
         read(rows(SPREAD), lanes)
+
+
+def test_places_by_an_anchor_are_metres_whatever_unit_is_given(tmp_path):
+    (tmp_path / "anchor.toml").write_text(
+        'crs = "EPSG:4326"\naccuracy = 0.02\nazimuth_deg = 0.0\nazimuth_accuracy_deg = 0.1\n'
+        "[[point]]\nlane = [0.0, 0.0]\nlongitude = 15.0\nlatitude = 48.0\n"
+    )
+    reading = TableReading(anchor=read_anchor(tmp_path / "anchor.toml"))
+    with pytest.raises(ValueError, match=r"unit must not be given .* places come by an anchor"):
+        read("longitude,latitude,confidence\n15,48.0001,1\n", reading=reading, unit="ft")

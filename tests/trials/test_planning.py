@@ -132,3 +132,17 @@ def test_lanes_that_cannot_be_planned_are_named(change, message):
     arguments = {"lane": Lane(0, 4, 0, 60), "targets": SORTS, "seed": 1, **change}
     with pytest.raises(ValueError, match=message):
         emplacement_plan(**arguments)
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"lane": ["A", "B"]}, "must not have columns that are drawn here, got lane"),
+        ({"depth": ["5 cm", "0.1"]}, r"targets\.depth must be finite numbers \(m\), got '5 cm'"),
+        ({"depth": [0.05, math.nan]}, r"targets\.depth must be finite numbers \(m\), got nan"),
+        ({"kind": ["metal", " "]}, r"targets\.kind must say what each target is, got ' '"),
+    ],
+)
+def test_sorts_that_would_be_planned_otherwise_than_they_say_are_refused(changed, words):
+    with pytest.raises(ValueError, match=words):
+        emplacement_plan(Lane(-2, 2, 0, 60), SORTS.assign(**changed), 1)
