@@ -270,6 +270,8 @@ def test_quick_study_writes_its_page_and_goes_on_where_it_stopped(recipe, tmp_pa
     page = cosgrove2004.STUDY.reproduce(tmp_path, quick=True)
     text = page.read_text(encoding="utf-8")
     assert "Quick run" in text
+    assert "inf to inf" not in text
+    assert "(in all seeds)" in text  # the two seeds are equal
     assert "://" not in text
     summary = json.loads((tmp_path / "findings.json").read_text())
     assert summary["quick"] is True
@@ -288,6 +290,15 @@ def test_quick_study_writes_its_page_and_goes_on_where_it_stopped(recipe, tmp_pa
     monkeypatch.setattr(study, "draw", lambda *_: b"")
     replace(cosgrove2004.STUDY, figures=MagicMock()).reproduce(tmp_path, quick=True)
     assert (tmp_path / "pd.csv").read_bytes() == before
+
+    third = []
+    monkeypatch.setattr(
+        cosgrove2004, "run_seed", lambda _, seed, *rest: third.append(seed) or first
+    )
+    more = recipe.model_copy(update={"study": recipe.study.model_copy(update={"seeds": 3})})
+    monkeypatch.setattr(cosgrove2004, "study_recipe", lambda *_: more)
+    replace(cosgrove2004.STUDY, figures=MagicMock()).reproduce(tmp_path, quick=True)
+    assert third == [3], "more seeds keep those that are done"
 
 
 def test_whitener_of_the_study_is_ledoit_and_wolfs(recipe, looks):

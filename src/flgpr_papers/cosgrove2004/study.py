@@ -38,6 +38,7 @@ from flgpr_papers.cosgrove2004.findings import (
     contrast_table,
     eigenvalue_ratios_of,
     findings,
+    found_looks,
     pd_table,
 )
 from flgpr_papers.cosgrove2004.images import (
@@ -53,14 +54,15 @@ from flgpr_papers.cosgrove2004.images import (
 from flgpr_papers.cosgrove2004.recipe import SOILS, StudyRecipe, study_recipe
 from flgpr_papers.cosgrove2004.signature import look_measures, signature_humps, visible_mines
 from flgpr_papers.kit.cache import key_of, read_or_make
-from flgpr_papers.kit.findings import Finding, by_chance
-from flgpr_papers.kit.intervals import SHARE, Interval, students
+from flgpr_papers.kit.findings import Finding, by_chance, in_words
+from flgpr_papers.kit.intervals import SHARE, share_of_looks, students
 from flgpr_papers.kit.study import Outcome, Study
 
 Cases = Mapping[str, Mapping[str, Sequence[Case]]]
 """Cases of every seed by surroundings and site."""
 BESIDE = {"open": "open lanes", "roadside": "beside bushes and posts"}
 """What stands beside a lane, in words."""
+_ALONE = "in all seeds"  # what a number has in place of an interval where no seed differs
 
 
 def page_facts(
@@ -119,21 +121,34 @@ def page_tables(
         "recipe": recipe,
         "by_chance": {name: by_chance([f for f in found if f.group == name]) for name in BESIDE},
         "sizes": next(iter(cases.values())),
-        "detectors": {name: _detector_table(table) for name, table in tables.items()},
+        "detectors": {
+            name: _detector_table(recipe, cases[name], table) for name, table in tables.items()
+        },
         "contrast": {name: contrast_table(lanes) for name, lanes in cases.items()},
         "beside": BESIDE,
     }
 
 
-def _detector_table(table: pd.DataFrame) -> dict[str, dict[str, list[Interval]]]:
-    """Return the detectors' Pd by site and detector, in the order of the columns."""
+def _detector_table(
+    recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]], table: pd.DataFrame
+) -> dict[str, dict[str, list[str]]]:
+    """Return the detectors' Pd by site and detector, in words and in the order of the columns.
+
+    Shares of looks have the intervals of the statements, the other two those over seeds.
+    """
     # Those of the sweeps over examples stand in their figure.
     shown = table[~table["detector"].str.endswith("examples")]
-    detectors: dict[str, dict[str, list[Interval]]] = {}
-    for (site, name), chosen in shown.groupby(["site", "detector"], sort=False):
-        columns = chosen[["pd", "pd_quantile", "pd_rockless", "pd_mean"]].to_numpy().T
-        intervals = [students(column, bounds=SHARE) for column in columns]
-        detectors.setdefault(str(site), {})[str(name)] = intervals
+    detectors: dict[str, dict[str, list[str]]] = {}
+    for names, chosen in shown.groupby(["site", "detector"], sort=False):
+        site, name = map(str, names)
+        of_looks = [
+            share_of_looks(found_looks(recipe, cases[site], name, quantile))
+            for quantile in (False, True)
+        ]
+        columns = chosen[["pd_rockless", "pd_mean"]].to_numpy().T
+        intervals = [*of_looks, *(students(column, bounds=SHARE) for column in columns)]
+        words = [in_words(*interval, alone=_ALONE) for interval in intervals]
+        detectors.setdefault(site, {})[name] = words
     return detectors
 
 
@@ -142,7 +157,7 @@ def _ratio_texts(lanes: Sequence[Case]) -> dict[int, str]:
     return {
         number: "no example reaches it"
         if np.isnan(ratio)
-        else f"{ratio:.3f} ({low:.3f} to {high:.3f})"
+        else in_words(ratio, low, high, alone=_ALONE)
         for number, _, (ratio, low, high) in eigenvalue_ratios_of(lanes)
     }
 
