@@ -39,6 +39,7 @@ def test_offsets_reach_the_last_one():
         ((0.0, 1.0), 0.0, "offsets must increase and step be positive"),
         ((0.0, np.inf), 0.1, "offsets must increase and step be positive"),
         ((0.0, 1.0), 1e-5, "offsets must be at most 10,000"),
+        ((4.0, 7.0), 10.0, "step must not be wider than the offsets, 4 to 7 s, got 10 s"),
     ],
 )
 def test_offsets_that_cannot_be_tried_are_refused(limits, step, message):

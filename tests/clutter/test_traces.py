@@ -71,6 +71,20 @@ def test_a_band_keeps_its_tones_and_falls_off_at_both_ends():
         band_pass(echoes((20, 1)), 2e9, 3e9)
 
 
+def test_a_band_that_ends_beyond_the_tones_cuts_nothing_there():
+    run = echoes((20, 1))
+    kept, beyond = band_pass(run, 0.4e9, 1.19e9), band_pass(run, 0.4e9, 100e9)
+    size, size_beyond = (np.abs(one["signal"].values[0, 0, 0]) for one in (kept, beyond))
+    np.testing.assert_allclose(size_beyond[:40], size[:40], atol=1e-6)  # the lower edge is the same
+    assert size_beyond[-1] == pytest.approx(1, abs=1e-6)
+    assert size[-1] == pytest.approx(0, abs=1e-6)
+
+
+def with_pairs_reversed(run):
+    """Return a run whose receivers stand in another order."""
+    return run.assign(rx_position=run["rx_position"] + 0.3)
+
+
 def test_another_run_is_subtracted_scan_by_scan_or_by_its_mean():
     both = echoes((20, 1), (40, 2), scans=4)
     empty = echoes((40, 2), scans=4)
@@ -129,6 +143,10 @@ def test_missing_sweeps_stay_missing_and_do_not_spread():
         (lambda run: time_gain(run, "agc", -1), "gain agc must have a positive value, got -1"),
         (lambda run: band_pass(run, 2, 1), "band must have 0 <= low < high"),
         (lambda run: gate(run.isel(frequency=[0, 1, 5]), 5e-9), "even to tell times"),
+        (lambda run: gate(run, 2e-6, 3e-6), "gate must hold a time of the record, 0 to 1e-07 s"),
+        (lambda run: gate(run, -3e-9, -1e-9), "gate must hold a time of the record"),
+        (lambda run: shift_time(run, 2e-7), "time zero must move by less than the record, 1e-07 s"),
+        (lambda run: subtract_run(run, with_pairs_reversed(run)), "same pairs in the same order"),
     ],
 )
 def test_what_does_not_fit_is_told(call, rule):

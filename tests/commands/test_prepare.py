@@ -32,6 +32,15 @@ def test_a_background_over_scans_is_a_step_by_itself(stored, tmp_path):
     assert run.attrs["history"] == [{"do": "background", "scans": 3}]
 
 
+def test_no_scans_of_a_background_are_refused_and_a_gate_without_an_end_is_stored(stored, tmp_path):
+    with pytest.raises(
+        ValueError, match=r"scans: input should be greater than or equal to 3, got 0"
+    ):
+        prepare(stored, tmp_path / "a.zarr", dewow=1.0, background_scans=0)
+    run = prepare(stored, tmp_path / "b.zarr", steps=[{"do": "gate", "start_ns": 0.5}])
+    assert run.attrs["history"] == [{"do": "gate", "start_ns": 0.5, "ramp_ns": 0.5}]
+
+
 def test_a_run_that_is_subtracted_from_itself_leaves_nothing(stored, tmp_path):
     done = CliRunner().invoke(
         app, ["prepare", str(stored), "-o", str(tmp_path / "a.zarr"), "--subtract", str(stored)]

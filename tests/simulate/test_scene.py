@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flgpr.simulate import Scene, load_scene
-from flgpr.simulate.scene.scene import Soil, Target
+from flgpr.simulate.scene.scene import Soil, Target, sites
 
 
 def test_a_site_of_ones_own_stands_where_the_scene_says_nothing(tmp_path):
@@ -69,6 +69,18 @@ def test_the_permittivities_of_layers_come_from_the_top_down():
     assert upper.real < lower.real
 
 
+def test_another_model_of_soil_than_the_sites_takes_its_own_entries():
+    """What the site says for its model is left out, and a stored scene reads as it was."""
+    scene = Scene.model_validate(
+        {"site": "wet-clay", "soil": {"model": "fixed", "permittivity": 9.0, "conductivity": 0.01}}
+    )
+    assert scene.soil.permittivity == 9.0
+    assert Scene.model_validate(scene.model_dump(mode="json")).soil == scene.soil
+    for site in sites():
+        of_site = Scene.model_validate({"site": site})
+        assert Scene.model_validate(of_site.model_dump(mode="json")) == of_site
+
+
 @pytest.mark.parametrize(
     ("entries", "message"),
     [
@@ -76,6 +88,21 @@ def test_the_permittivities_of_layers_come_from_the_top_down():
         ({"track": {"step": (3.0, 1.0)}}, "step must have 0 < least <= greatest"),
         ({"clutter": {"roadside": (7.0, 3.0)}}, "roadside must be the least and the greatest"),
         ({"lenght": 3.0}, "lenght"),
+        (
+            {"soil": {"permittivity": 9.0}},
+            "permittivity goes with the model fixed, got 9 with model",
+        ),
+        (
+            {"site": "prepared-sand", "soil": {"sand": 10.0}},
+            "sand goes with the model peplinski, got",
+        ),
+        (
+            {
+                "targets": [{"kind": "metal", "x": 0, "y": 1, "laid": 3, "lifted": 2}],
+                "drives": [{}],
+            },
+            "lifted must be a drive after laid, got 2 and 3",
+        ),
     ],
 )
 def test_entries_that_break_a_rule_are_refused(entries, message):

@@ -77,11 +77,17 @@ def offsets_to_try(limits: tuple[float, float], step: float) -> FloatArray:
     Raises
     ------
     ValueError
-        If limits decrease, the step is not positive, or there are more than ``MOST_OFFSETS``.
+        If limits decrease, the step is not positive or wider than they are apart, or there are more
+        than ``MOST_OFFSETS``.
     """
     low, high = limits
     if not (np.isfinite(limits).all() and high >= low and step > 0):
         raise ValueError(f"offsets must increase and step be positive, got {limits} and {step:g}")
+    if high > low and step > high - low:
+        raise ValueError(
+            f"step must not be wider than the offsets, {low:g} to {high:g} s, got {step:g} s: the first "
+            "offset alone would be tried"
+        )
     if (high - low) / step > MOST_OFFSETS:
         raise ValueError(
             f"offsets must be at most {MOST_OFFSETS:,}, got {low:g} to {high:g} s by {step:g} s"

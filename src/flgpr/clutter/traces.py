@@ -19,11 +19,21 @@ from flgpr.model.run import with_signal
 from flgpr.types import AnyArray, FloatArray
 
 GAINS = ("power", "agc")
+_SAME_PLACE = 0.05  # m, within which antennas of two runs are the same
 _LEAST_LEVEL = 1e-4  # of a trace's greatest level: an automatic gain amplifies by at most 80 dB
 
 
 def shift_time(run: xr.Dataset, delay: float) -> xr.Dataset:
-    """Move time zero ``delay`` (s) later: every echo then comes that much earlier."""
+    """Move time zero ``delay`` (s) later: every echo then comes that much earlier.
+
+    A delay longer than the record, after which echoes come round again, is a ValueError.
+    """
+    tones = run["frequency"].values
+    if tones.size > 1 and abs(delay) * float(np.diff(tones).min()) >= 1:
+        raise ValueError(
+            f"time zero must move by less than the record, {1 / float(np.diff(tones).min()):.4g} s, "
+            f"got {delay:g} s"
+        )
     signal = lengthen(run["signal"].values, run["frequency"].values, -SPEED_OF_LIGHT * delay)
     shifted = with_signal(run, signal)
     first = run.attrs.get("first_sample_s")
@@ -54,7 +64,8 @@ def band_pass(run: xr.Dataset, low: float, high: float, taper: float = 0.1) -> x
     low, high : float
         Band, Hz.
     taper : float
-        Share of the band, at its edges, over which the weight falls off as a cosine.
+        Share of the band's part that the run's tones reach, over which the weight falls off as a
+        cosine at the band's edges.
 
     Returns
     -------
@@ -79,9 +90,11 @@ def band_pass(run: xr.Dataset, low: float, high: float, taper: float = 0.1) -> x
             f"got {low:g} to {high:g} Hz"
         )
     band = run.isel(frequency=keep)
-    from_edge = np.minimum(frequency[keep] - low, high - frequency[keep]) / (high - low)
-    weight = np.ones(from_edge.size)
-    if taper != 0:
+    # A band that ends beyond the tones cuts nothing there, and tapers its other edge no more for it.
+    width = min(high, frequency[-1]) - max(low, frequency[0])
+    weight = np.ones(int(keep.sum()))
+    if taper != 0 and width > 0:
+        from_edge = np.minimum(frequency[keep] - low, high - frequency[keep]) / width
         weight = np.sin(np.pi / 2 * np.clip(2 * from_edge / taper, 0, 1)) ** 2
     return with_signal(band, band["signal"].values * weight)
 
@@ -105,7 +118,8 @@ def subtract_run(run: xr.Dataset, other: xr.Dataset) -> xr.Dataset:
     Raises
     ------
     ValueError
-        If tones, polarizations or pairs differ, or no complete scan is left for a mean.
+        If tones, polarizations or pairs differ, their antennas lie elsewhere or in another order, or
+        no complete scan is left for a mean.
     """
     for axis in ("frequency", "polarization"):
         labels = run[axis].values
@@ -119,6 +133,13 @@ def subtract_run(run: xr.Dataset, other: xr.Dataset) -> xr.Dataset:
         raise ValueError(
             f"subtract must be a run of {run.sizes['pair']} pairs, got {other.sizes['pair']}"
         )
+    for side in ("tx_position", "rx_position"):
+        apart = np.linalg.norm(run[side].values - other[side].values, axis=-1).max()
+        if apart > _SAME_PLACE:
+            raise ValueError(
+                f"subtract must be a run of the same pairs in the same order, their {side} lie up to "
+                f"{apart:.3g} m apart"
+            )
     background = other["signal"].values
     if other.sizes["scan"] != run.sizes["scan"]:
         complete = complete_scans(other)
@@ -157,12 +178,18 @@ def gate(run: xr.Dataset, start: float, stop: float = np.inf, ramp: float = 0.0)
     Raises
     ------
     ValueError
-        If the gate is empty, the ramp is negative, or the tones are not even.
+        If the gate is empty or holds no time of the record, the ramp is negative, or the tones are
+        not even.
     """
     if not (start < stop and ramp >= 0):
         raise ValueError(
             "gate must have start < stop and a ramp that is not negative, "
             f"got {start:g}, {stop:g} s"
+        )
+    record = 1 / tone_step(run)
+    if start >= record or stop <= 0:
+        raise ValueError(
+            f"gate must hold a time of the record, 0 to {record:.4g} s, got {start:g} to {stop:g} s"
         )
 
     def weight(time: FloatArray, _: AnyArray) -> FloatArray:

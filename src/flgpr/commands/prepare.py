@@ -82,7 +82,7 @@ def prepare(
         "power": {"exponent": power},
         "agc": {"window_ns": agc},
     }
-    if background_scans:
+    if background_scans is not None:
         options.append("background")
     entries = [
         {"do": name.replace("_", "-"), **values}

@@ -75,11 +75,12 @@ class Gate(_Step):
 
     do: Literal["gate"] = "gate"
     start_ns: Annotated[float, Field(allow_inf_nan=False)]
-    stop_ns: float = math.inf
+    stop_ns: Annotated[float, Field(allow_inf_nan=False)] | None = None
     ramp_ns: NotNegative = 0.5
 
     def apply(self, run: xr.Dataset) -> xr.Dataset:  # noqa: D102
-        return gate(run, self.start_ns * 1e-9, self.stop_ns * 1e-9, self.ramp_ns * 1e-9)
+        stop = math.inf if self.stop_ns is None else self.stop_ns * 1e-9
+        return gate(run, self.start_ns * 1e-9, stop, self.ramp_ns * 1e-9)
 
 
 class RemoveBackground(_Step):

@@ -47,6 +47,16 @@ class Layer(SceneTable):
     moisture: Share  #: volumetric, m³/m³
 
 
+_OF_MODEL = {
+    "mironov": {"clay"},
+    "peplinski": {"sand", "clay"},
+    "topp": set[str](),
+    "fixed": {"permittivity", "conductivity"},
+}
+"""Entries of a soil that a dielectric model takes, of those that not every model does."""
+_NOT_FOR_ALL = set.union(*_OF_MODEL.values())
+
+
 class Soil(SceneTable):
     """The soil's permittivity."""
 
@@ -60,6 +70,19 @@ class Soil(SceneTable):
     conductivity: Annotated[float, Field(ge=0, le=1000)] = 0.0
     #: overrides the model's loss when given
     loss_tangent: Moderate | None = None
+
+    @model_validator(mode="after")
+    def _check_model(self) -> Soil:
+        """Refuse an entry that the model does not take, unless it is the default of all soils."""
+        for name in sorted(_NOT_FOR_ALL - _OF_MODEL[self.model]):
+            value = getattr(self, name)
+            if value != type(self).model_fields[name].default:
+                models = [model for model, taken in _OF_MODEL.items() if name in taken]
+                raise ValueError(
+                    f"{name} goes with the model {' or '.join(models)}, got {value:g} with model "
+                    f"{self.model}"
+                )
+        return self
 
     def media(self, frequency: ArrayLike) -> list[Complex128Array]:
         """Return the complex permittivity of every layer, the half-space last.
@@ -411,6 +434,10 @@ class Scene(SceneTable):
             scene_entries = data.get(name, {})
             if isinstance(scene_entries, BaseModel):
                 scene_entries = scene_entries.model_dump(exclude_unset=True)
+            if name == "soil":
+                model = scene_entries.get("model", site_entries.get("model"))
+                others = _NOT_FOR_ALL - _OF_MODEL.get(model, _NOT_FOR_ALL)
+                site_entries = {k: v for k, v in site_entries.items() if k not in others}
             merged[name] = {**site_entries, **scene_entries}
         return merged
 
@@ -423,6 +450,13 @@ class Scene(SceneTable):
             raise ValueError(
                 f"drive must be at most {len(self.drives) + 1}, of which drives tells, got {self.drive}"
             )
+        placed: tuple[Target | TargetDraw, ...] = (*self.targets, *self.draws)
+        for one in placed:
+            if one.lifted is not None and one.lifted <= one.laid:
+                raise ValueError(
+                    f"lifted must be a drive after laid, got {one.lifted} and {one.laid}: it would "
+                    "never lie there"
+                )
         return self
 
     def at_drive(self, number: int) -> Scene:
