@@ -51,6 +51,14 @@ def test_a_recording_is_drawn_as_far_as_it_is_asked_for(recording, tmp_path):
     assert shorter.values.shape[1] < drawn.values.shape[1]
 
 
+@pytest.mark.parametrize("reach", [0.0, -3.0])
+def test_a_picture_that_no_antenna_reaches_is_refused(tmp_path, reach):
+    run = sample_lane() / "run.zarr"
+    with pytest.raises(ValueError, match=r"reach must be positive \(m\), got"):
+        image(run, tmp_path / "a.png", x=(-1, 1), y=(2, 4), spacing=0.2, reach=reach)
+    assert not (tmp_path / "a.png").exists()
+
+
 def test_another_file_is_no_picture_s_source(tmp_path):
     (tmp_path / "a.mat").write_bytes(b"MATLAB")
     with pytest.raises(

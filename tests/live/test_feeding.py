@@ -101,6 +101,13 @@ def test_a_feed_rehearses_what_a_radar_gets_wrong(home, tmp_path):
     for text in ("stolen:1", "lost", "lost:x", "lost:1:2:3", "late:-1"):
         with pytest.raises(ValueError, match="fault must be lost, late, twice, nan, jump with"):
             feed(home / "run.zarr", tmp_path / "other", FAST, faults=[text])
+    for wrong, words in (
+        ({"count": -5}, "count must be a scan or more, got -5"),
+        ({"lead": -1.0}, "lead must not be negative"),
+        ({"faults": ["lost:5:0"]}, "fault must be of a scan or more, got 'lost:5:0'"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            feed(home / "run.zarr", tmp_path / "other", FAST, **wrong)
     with pytest.raises(
         ValueError, match=rf"a scan that is played \(0 to {SCANS - 1}\), got {SCANS}"
     ):

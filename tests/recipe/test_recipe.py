@@ -33,6 +33,7 @@ def test_packaged_recipes_are_valid(name):
         ("y = [1.2, 5.84]", "y = [5.84, 1.2]", ["image.y", "increase"]),
         ("guard = [9, 7]", "guard = [8, 7]", ["odd"]),
         ("y_max = 5.84", "y_max = 5.84\nfalloff = 2", ["run_view", "falloff", '"mean"']),
+        ("y_max = 5.84", "y_max = 0.5", ["run_view.y_max", "image.y = 1.2 m", "no look"]),
         ('name = "demo"', "name = ", ["TOML"]),
     ],
 )

@@ -207,6 +207,8 @@ def image(
         reach=math.inf if reach is None else reach,
     )
 
+    if reach is not None and not reach > 0:
+        raise ValueError(f"reach must be positive (m), got {reach:g}")
     if anchor is not None and not any(Path(one).suffix.lower() == ".tif" for one in outputs):
         raise ValueError("anchor is of a GeoTIFF (.tif), got no such output")
     if depth:

@@ -71,6 +71,8 @@ class Fault:
                 f"as lost:40:5, got {text!r}"
             )
         count = int(numbers[1]) if len(numbers) == 2 else 1
+        if count < 1:
+            raise ValueError(f"fault must be of a scan or more, got {text!r}")
         return cls(kind, int(numbers[0]), count)
 
     def covers(self, scan: int) -> bool:
@@ -155,6 +157,10 @@ def feed(
     total = dataset.sizes["scan"]
     if not 0 <= first < total:
         raise ValueError(f"first must be a scan of the run (0 to {total - 1}), got {first}")
+    if count is not None and count < 1:
+        raise ValueError(f"count must be a scan or more, got {count}")
+    if not lead >= 0:
+        raise ValueError(f"lead must not be negative (s), got {lead:g}")
     last = total if count is None else min(first + count, total)
     for fault in parsed_faults:
         if not first <= fault.scan < last:

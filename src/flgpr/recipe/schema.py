@@ -185,6 +185,11 @@ class Recipe(Table):
         self._check_map_bands()
         self._check_stages()
         self._check_size()
+        if self.run_view.y_max <= self.image.y[0]:
+            raise ValueError(
+                f"run_view.y_max must lie beyond where images begin, image.y = {self.image.y[0]:g} m, "
+                f"got {self.run_view.y_max:g} m: no look would be taken"
+            )
         if self.score.area == "frames":
             self._check_frames()
         self.contrast.patch()
