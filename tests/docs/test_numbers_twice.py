@@ -50,7 +50,8 @@ def stands(values, decimals, others):
 @pytest.mark.parametrize("paper", PAPERS)
 def test_intervals_of_other_pages_are_those_of_the_papers_own(paper):
     own = read(EVIDENCE / "papers" / f"{paper}.md")
-    for tables in (f"verdicts/{paper}*.csv", f"papers/{paper}/*.csv"):
+    sources = (f"verdicts/{paper}*.csv", f"verdicts/reasons-{paper}.csv", f"papers/{paper}/*.csv")
+    for tables in sources:
         own += "".join(read(table) for table in sorted(EVIDENCE.glob(tables)))
     known = [values for _, values in intervals(own)]
     told = causes(paper) + read(EVIDENCE / "papers" / f"{paper}-steps.md")

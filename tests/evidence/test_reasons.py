@@ -197,7 +197,10 @@ def test_twins_of_a_lane_differ_in_what_is_changed_alone():
 
 
 def test_clutter_is_told_with_its_intervals():
-    rows = [{"HH F1": 9.0, "HH F2": 8.4 + 0.1 * k, "HH F3": 9.5, "HH F4": 10.0} for k in range(5)]
+    rows = [
+        {"HH F1": 9.0, "HH F2": 8.4 + 0.1 * k, "HH F3": 9.5, "HH F4": 10.0, "VV F1": 7.0 + 0.1 * k}
+        for k in range(5)
+    ]
     record = {"view": rows, "scans": [{**row, "HH F2": row["HH F2"] + 1.0} for row in rows]}
     trials = wang2007.clutter_trials({name: [record] for name in wang2007.CLUTTER_CHANGES})
     plain = trials[0]
@@ -205,6 +208,10 @@ def test_clutter_is_told_with_its_intervals():
     assert plain.sample == "5 stretches of 1 lanes"
     said = {one.explanation: one.outcome for one in trials if one.explanation}
     assert said["sidelobes of targets stand out more in F1"] == "refuted"
+    [in_vv] = [
+        outcome for why, outcome in said.items() if why.startswith("clutter stands out less in VV")
+    ]
+    assert in_vv == "holds"
     assert [one.outcome for one in trials if one.quantity.startswith("99 % quantile over median, HH F2")
             and "scan" in one.quantity] == ["holds"]  # fmt: skip
 
