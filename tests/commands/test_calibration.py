@@ -76,8 +76,11 @@ def test_clock_then_range_bias_puts_the_echoes_on_the_reflectors(folder):
     told = open_run(folder / "b.zarr").attrs["calibration"]
     assert told["range_bias_m"] == pytest.approx(BIAS, abs=0.01)
     assert told["clock_offset_s"] == found["clock_offset_s"]
-    again = json.loads(flgpr("range-bias", folder / "b.zarr", *places, "--json").stdout)
+    words = ("range-bias", folder / "b.zarr", *places, "-o", folder / "c.zarr", "--json")
+    again = json.loads(flgpr(*words).stdout)
     assert again["range_bias_m"] == pytest.approx(0, abs=0.005)
+    both = open_run(folder / "c.zarr").attrs["calibration"]  # what was removed in all
+    assert both["range_bias_m"] == pytest.approx(told["range_bias_m"] + again["range_bias_m"])
     for row in again["reflectors"]:
         assert np.hypot(row["x_peak"] - row["x"], row["y_peak"] - row["y"]) < 0.05
 

@@ -56,3 +56,15 @@ def test_a_stretch_of_the_line_is_what_is_imaged(run):
 def test_limits_that_do_not_increase_are_refused(run, along, delays):
     with pytest.raises(ValueError, match="along and delays must have limits that increase"):
         LineSection(run, along, delays)
+
+
+@pytest.mark.parametrize(
+    ("along", "delays", "words"),
+    [
+        ((50.0, 60.0), (1e-9, 5e-9), "along must hold a part of the line"),
+        (None, (1.0, 2.0), "delays must begin within the record"),
+    ],
+)
+def test_a_section_of_what_was_not_recorded_is_refused(run, along, delays, words):
+    with pytest.raises(ValueError, match=words):
+        LineSection(run, along, delays)

@@ -62,8 +62,8 @@ class Calibration:
     ) -> None:
         """Refuse an answer that cannot be trusted, and store the calibrated run.
 
-        Its attribute ``calibration`` has the figures of the answer in addition. An interrupted call
-        resumes.
+        Its attribute ``calibration`` has the figures of the answer in addition; a range bias is added
+        to the one that was removed before. An interrupted call resumes.
 
         Parameters
         ----------
@@ -97,7 +97,7 @@ class Calibration:
             figures |= {"clock_offset_s": fit.offset, "clock_rate": rate}
         if isinstance(fit, BiasFit):
             run = remove_range_bias(run, fit.bias)
-            figures["range_bias_m"] = fit.bias
+            figures["range_bias_m"] = fit.bias + float(figures.get("range_bias_m", 0.0))
         save_run(run.assign_attrs(calibration=figures), output, resume=True, share_files=True)
 
 

@@ -32,7 +32,8 @@ class LineSection:
     Raises
     ------
     ValueError
-        If limits do not increase.
+        If limits do not increase, the stretch lies off the line, or the delays lie beyond the record,
+        after which echoes come round again.
     """
 
     def __init__(
@@ -47,6 +48,17 @@ class LineSection:
             raise ValueError(
                 f"along and delays must have limits that increase, got {low:g}, {high:g} m and "
                 f"{delays} s"
+            )
+        if low >= position.max() or high <= position.min():
+            raise ValueError(
+                f"along must hold a part of the line, {position.min():g} to {position.max():g} m, got "
+                f"{low:g} to {high:g} m"
+            )
+        tones = run["frequency"].values
+        record = 1 / float(np.diff(tones).min()) if tones.size > 1 else math.inf
+        if delays[0] >= record:
+            raise ValueError(
+                f"delays must begin within the record of {record:.4g} s, got {delays[0]:g} s"
             )
         self._run = run
         self._middle = (pose[:, 0].mean(), pose[:, 1].mean())
