@@ -97,11 +97,15 @@ def test_another_model_of_soil_than_the_sites_takes_its_own_entries():
             "sand goes with the model peplinski, got",
         ),
         (
+            {"draws": [{"kind": "metal", "depth": 0.1, "count": 2, "laid": 2}]},
+            "laid must be a drive that the scene tells of, at most 1, got 2",
+        ),
+        (
             {
-                "targets": [{"kind": "metal", "x": 0, "y": 1, "laid": 3, "lifted": 2}],
+                "targets": [{"kind": "metal", "x": 0, "y": 1, "laid": 2, "lifted": 2}],
                 "drives": [{}],
             },
-            "lifted must be a drive after laid, got 2 and 3",
+            "lifted must be a drive after laid, got 2 and 2",
         ),
     ],
 )

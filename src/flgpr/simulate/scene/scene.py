@@ -452,6 +452,11 @@ class Scene(SceneTable):
             )
         placed: tuple[Target | TargetDraw, ...] = (*self.targets, *self.draws)
         for one in placed:
+            if one.laid > len(self.drives) + 1:
+                raise ValueError(
+                    f"laid must be a drive that the scene tells of, at most {len(self.drives) + 1}, "
+                    f"got {one.laid}"
+                )
             if one.lifted is not None and one.lifted <= one.laid:
                 raise ValueError(
                     f"lifted must be a drive after laid, got {one.lifted} and {one.laid}: it would "
