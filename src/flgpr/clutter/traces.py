@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 import xarray as xr
 
-from flgpr.model import SPEED_OF_LIGHT, complete_scans
+from flgpr.model import SPEED_OF_LIGHT, complete_scans, unambiguous_path
 from flgpr.model.phase import lengthen
 from flgpr.model.run import with_signal
 from flgpr.types import AnyArray, FloatArray
@@ -28,11 +28,10 @@ def shift_time(run: xr.Dataset, delay: float) -> xr.Dataset:
 
     A delay longer than the record, after which echoes come round again, is a ValueError.
     """
-    tones = run["frequency"].values
-    if tones.size > 1 and abs(delay) * float(np.diff(tones).min()) >= 1:
+    record = unambiguous_path(run["frequency"].values) / SPEED_OF_LIGHT
+    if abs(delay) >= record:
         raise ValueError(
-            f"time zero must move by less than the record, {1 / float(np.diff(tones).min()):.4g} s, "
-            f"got {delay:g} s"
+            f"time zero must move by less than the record, {record:.4g} s, got {delay:g} s"
         )
     signal = lengthen(run["signal"].values, run["frequency"].values, -SPEED_OF_LIGHT * delay)
     shifted = with_signal(run, signal)

@@ -10,7 +10,7 @@ import xarray as xr
 from flgpr.imaging.aperture import aperture_blocks, aperture_image
 from flgpr.imaging.focus import scan_weights
 from flgpr.imaging.view_axes import chosen_scans
-from flgpr.model import SPEED_OF_LIGHT
+from flgpr.model import SPEED_OF_LIGHT, unambiguous_path
 from flgpr.types import ComplexArray
 
 _SPACING = 0.03  # m along the line; assumed
@@ -54,8 +54,7 @@ class LineSection:
                 f"along must hold a part of the line, {position.min():g} to {position.max():g} m, got "
                 f"{low:g} to {high:g} m"
             )
-        tones = run["frequency"].values
-        record = 1 / float(np.diff(tones).min()) if tones.size > 1 else math.inf
+        record = unambiguous_path(run["frequency"].values) / SPEED_OF_LIGHT
         if delays[0] >= record:
             raise ValueError(
                 f"delays must begin within the record of {record:.4g} s, got {delays[0]:g} s"

@@ -199,10 +199,9 @@ def plan_lane(
     for doubt in table_doubts(plan, "truth", lanes):
         log_note(f"{Path(targets).name}: {doubt}")
     lane_anchor = None if anchor is None else read_anchor(anchor)
+    # What cannot be tied, or may be missing, is looked for before anything is written.
     if lane_anchor is not None:
         require_one_lane(plan)
-    # What may be missing is looked for before anything is written.
-    if lane_anchor is not None:
         optional("geopandas", "gis")
 
     rules = {"halo": float(halo), "far": float(far)}
