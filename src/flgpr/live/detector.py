@@ -297,7 +297,7 @@ class LiveDetector:
         if self.earlier is None or self.earlier.is_ready:
             gain, background = self.background.add(image)  # refuses an image that cannot be used
         if self.earlier is not None:
-            self.earlier.learn(scan.signal, pose)
+            self.earlier.learn(scan.signal[self._imaged], pose)
         if self.first_pose is None:
             self.first_pose = pose
             self._report_aliases(pose)
@@ -456,8 +456,10 @@ class LiveDetector:
                     device=table.device,
                 ),
             )
-        signal = scan.signal if self.earlier is None else self.earlier.clean(scan.signal)
-        image = np.asarray(self._operator[1].adjoint(signal[self._imaged]), np.complex64)
+        data = scan.signal[self._imaged]
+        if self.earlier is not None:
+            data = self.earlier.clean(data)
+        image = np.asarray(self._operator[1].adjoint(data), np.complex64)
         return image if self.earlier is None else self.earlier.of_image(image, pose)
 
     def _reach(self, pose: FloatArray) -> tuple[float, float]:

@@ -1,7 +1,8 @@
 """Live detection of what has changed since earlier drives: the stage ``earlier``, scan by scan.
 
 A scan's image is cleaned by the stage itself, as that of a stored run. What stands still on the
-vehicle is the mean of the scans before, where a stored run has the median over all.
+vehicle is known from the earlier drive at first and from the mean of the scans before later, where
+a stored run has the median over all.
 """
 
 from __future__ import annotations
@@ -39,12 +40,15 @@ class EarlierDrives:
         self._subbands = subbands
         self._rows = rows
         self._span = span
+        self._then = stage.stood_still()
         self.begin()
 
     def begin(self) -> None:
         """Begin with nothing learnt and nothing counted."""
-        self._learnt = 0  # scans in the mean
+        self._learnt = 0  # scans in the means
+        # Of today's data without ground, and of their power in each polarization.
         self._mean: ComplexArray = np.zeros((1, 1, 1), np.complex128)
+        self._mean_power = np.zeros(1)
         self._power = np.zeros(2)  # of all images, before and after
         self.scans = 0  #: scans whose images were cleaned
         self.alone = 0  #: those of them that no earlier scan lies near
@@ -54,30 +58,53 @@ class EarlierDrives:
 
     @property
     def is_ready(self) -> bool:
-        """Whether enough scans came to tell what stands still."""
-        return self._learnt >= LEAST_WARM_UP
+        """Whether enough is known of what stands still."""
+        return self._then is not None or self._learnt >= LEAST_WARM_UP
 
-    def learn(self, signal: ComplexArray, pose: FloatArray) -> None:
-        """Take the data (polarization, pair, frequency) of a scan into the mean.
+    def learn(self, data: ComplexArray, pose: FloatArray) -> None:
+        """Take the imaged data (polarization, pair, frequency) of a scan into the mean.
 
         The ground that earlier drives predict is taken out first: of few scans it is a large part.
         """
-        imaged = self.stage.setup.imaged
         ground = None
         if self._echo is not None:
-            ground = explained(self.clean(signal)[imaged], self._echo)
+            ground = explained(self.clean(data), self._echo)
         elif self.stage.settings.iterations:
-            ground = self.stage.ground_in(self.clean(signal)[imaged], pose)
+            ground = self.stage.ground_in(self.clean(data), pose)
         if ground is not None:
-            signal = signal.copy()
-            signal[imaged] -= ground
+            data = data - ground
         self._learnt += 1
-        weight = 1 / min(self._learnt, self._span or self._learnt)
-        self._mean = self._mean + weight * (signal - self._mean)
+        weight = 1 / self._counted
+        self._mean = self._mean + weight * (data - self._mean)
+        self._mean_power = self._mean_power + weight * (_power(data) - self._mean_power)
 
-    def clean(self, signal: ComplexArray) -> ComplexArray:
-        """Return the data of a scan without what stands still, once that is known."""
-        return subtract_standing(signal, self._mean) if self.is_ready else signal
+    @property
+    def _counted(self) -> int:
+        """Scans that the means are worth."""
+        return min(self._learnt, self._span or self._learnt)
+
+    def clean(self, data: ComplexArray) -> ComplexArray:
+        """Return the imaged data of a scan without what stands still, once that is known."""
+        return subtract_standing(data, self.standing(data)) if self.is_ready else data
+
+    def standing(self, data: ComplexArray) -> ComplexArray:
+        """Return what stands still in a scan (polarization, pair, frequency), as far as is known.
+
+        It is the mean of today's scans, drawn towards the earlier drive's field, as far as the two
+        differ no more than by what is left of the ground in so few scans (the positive part of
+        James & Stein 1961, for each polarization). The field of another vehicle, or of antennas
+        that were moved, is soon left out so.
+        """
+        if self._then is None:
+            return self._mean
+        then = explained(self._mean if self._learnt else data, self._then)
+        if self._learnt < 2:
+            return then
+        scatter = self._mean_power - _power(self._mean)
+        of_mean = scatter / (self._counted - 1)
+        differ = _power(self._mean - then)
+        share = of_mean / np.maximum(np.maximum(differ, of_mean), np.finfo(float).tiny)
+        return self._mean + share[:, None, None] * (then - self._mean)
 
     def of_image(self, image: ComplexArray, pose: FloatArray) -> ComplexArray:
         """Return what is wanted of the image of cleaned data less what is predicted.
@@ -112,11 +139,22 @@ class EarlierDrives:
     def state(self) -> Arrays:
         """Return what was learnt and counted, for :meth:`restore`; later scans do not change it."""
         counts = np.array([self._learnt, self.scans, self.alone, self.is_alone])
-        return {"counts": counts, "mean": self._mean, "power": self._power.copy()}
+        return {
+            "counts": counts,
+            "mean": self._mean,
+            "mean_power": self._mean_power,
+            "power": self._power.copy(),
+        }
 
     def restore(self, state: Arrays) -> None:
         """Continue from a :meth:`state`."""
         self._learnt, self.scans, self.alone, is_alone = (int(one) for one in state["counts"])
         self.is_alone = bool(is_alone)
         self._mean = np.asarray(state["mean"])
+        self._mean_power = np.asarray(state["mean_power"])
         self._power = np.array(state["power"])
+
+
+def _power(data: ComplexArray) -> FloatArray:
+    """Return the mean power of data (polarization, pair, frequency) in each polarization."""
+    return np.mean(np.abs(data) ** 2, axis=(1, 2), dtype=np.float64)

@@ -70,7 +70,7 @@ from flgpr.live.updates import LiveUpdate, SettledOutcome
 from flgpr.method.memory import check_scan_memory
 from flgpr.method.model import Model, of_another_array, parse_model, read_model, unlearnt
 from flgpr.method.unlike import Comparison, why_not
-from flgpr.model import Lane
+from flgpr.model import Lane, complete_scans
 from flgpr.model.vehicle import Vehicle
 from flgpr.recipe.make import fit_recipe, with_earlier
 from flgpr.recipe.schema import Recipe, parse_recipe, recipe_text
@@ -100,6 +100,7 @@ _TICK = 0.1  # s between checks of the clock while nothing comes
 REPORT_FILE = "live.json"
 RECIPE_FILE = "recipe.toml"  # of a run without a given recipe
 LIVE_RECORDING = "live.mcap"  # made of the events when the run has ended, where it is asked for
+_REHEARSED = 3  # scans of each earlier drive before the first scan of today, the least that tell
 _MOST_LATENCIES = 10_000  # of which percentiles are reported
 # Counts of what is as it should be; the others are faults.
 _NO_FAULT = ("received", "taken", "warm_up")
@@ -595,7 +596,12 @@ def rehearse(
 ) -> None:
     """Run noise through a separate detector: all is compiled and loaded before the first scan."""
     settings = LiveSettings(looks=1, warm_up=3)
-    detector = LiveDetector(description, recipe, None, model, settings, others)
+    # What earlier drives tell is estimated from all of their scans for the detector itself.
+    few = {
+        name: run.isel(scan=np.flatnonzero(complete_scans(run))[:_REHEARSED])
+        for name, run in (others or {}).items()
+    }
+    detector = LiveDetector(description, recipe, None, model, settings, few)
     rng = np.random.default_rng(0)
     for number in range(8):
         noise = rng.standard_normal((2, *description.shape), dtype=np.float32)

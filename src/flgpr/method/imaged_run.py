@@ -531,7 +531,7 @@ def setup_of(
     run: xr.Dataset,
     recipe: Recipe,
     lane: Lane,
-    results: Mapping[str, Any],
+    results: MutableMapping[str, Any],
     others: Mapping[str, xr.Dataset] | None = None,
 ) -> tuple[Setup, ScanImager]:
     """Return what stages are given of a run, and the imager of the polarizations that count."""

@@ -6,7 +6,7 @@ Stages come with the package or from another distribution; :mod:`flgpr.stages.na
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, MutableMapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -46,7 +46,7 @@ class Setup:
     view: Grid  #: pixels of the run-view, in the lane frame
     imaged: list[int]  #: numbers of the polarizations that are imaged
     summed: int  #: number of scans that an image is the coherent sum of
-    results: Mapping[str, Any]  #: results of earlier passes, arrays by name
+    results: MutableMapping[str, Any]  #: results of earlier passes, arrays by name
 
     def pose(self, index: int) -> FloatArray:
         """Return the pose (6,) of the scan at an index among the complete ones."""

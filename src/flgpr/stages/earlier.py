@@ -51,12 +51,11 @@ STANDING = "earlier.standing"
 """Result that holds what stands still on the vehicle today, ``field``; live, what does so far."""
 _REFINED = "earlier.refined"
 """Result that holds that field as it is without the ground that earlier drives predict."""
-_THEN = "earlier.then"
-"""Result that holds what stood still at each earlier drive, by its name, without today's ground."""
 _MATCH = "earlier.match"
 _MOST = StandingSettings().most
 _REFINING = 32  # scans, spread over the run, whose ground is taken out before their median is taken
 _LEAST_THEN = 3  # scans of an earlier drive: the median of fewer holds as much ground as vehicle
+_SAME_PLACE = 1e-3  # m, by which antennas of two drives lie apart at most where they are the same
 _KEPT = 256e6  # bytes of fitted ground, and of predictions, that are kept from pass to pass
 
 
@@ -113,9 +112,12 @@ class EarlierRuns(ClutterStage):
             heights = [imager.run["pose"].values[:, 2] for imager in imagers.values()]
             margin = max(float(np.nanmedian(np.concatenate(heights))), own.grid.dx)
         self._model = GroundModel(own.grid, margin, own.subbands, settings.iterations)
-        self._drives = {name: EarlierDrive(imager) for name, imager in imagers.items()}
-        self._of_thread = threading.local()  # blocks of scans go to several threads
         self._fitted = FittedGround(_KEPT)
+        self._drives = [
+            EarlierDrive(name, imager, self._model, self._fitted, setup.results)
+            for name, imager in imagers.items()
+        ]
+        self._of_thread = threading.local()  # blocks of scans go to several threads
         self._predictions: dict[tuple[int, int], Prediction] = {}
         self._predicted_bytes = 0
         self._predicting = threading.Lock()
@@ -162,13 +164,13 @@ class EarlierRuns(ClutterStage):
         refined = standing_pass(_REFINED, scans, _REFINING, self._without_earlier_ground)
         then = [
             standing_pass(
-                f"{_THEN}.{name}",
+                drive.result,
                 scans,
                 _REFINING,
-                partial(self._without_ground_of_today, name),
+                partial(self._without_ground_of_today, drive),
                 least=_LEAST_THEN,
             )
-            for name in self._drives
+            for drive in self._drives
         ]
         return [own, refined, *then, match]
 
@@ -187,18 +189,19 @@ class EarlierRuns(ClutterStage):
             data[imaged] -= ground
         return data
 
-    def _without_ground_of_today(self, name: str, index: int) -> ComplexArray | None:
+    def _without_ground_of_today(self, drive: EarlierDrive, index: int) -> ComplexArray | None:
         """Return the data of the earlier scan nearest to a scan, less what this one says of them.
 
         There are none where no earlier scan lies near.
         """
-        drive, pose = self._drives[name], self.setup.pose(index)
+        pose = self.setup.pose(index)
         for scan in self._nearest(drive, pose)[:1]:
             data = self.data(index, 1)[0][self.setup.imaged]
             fit = partial(self._model.fit, self.setup.imager, pose, data)
             today = self._fitted.of(index, fit)
-            then, cleaned = drive.pose(scan), self._cleaned(name, scan)
-            return drive.imager.signal(scan) - self._seen(drive.imager, then, cleaned, today, pose)
+            cleaned = drive.cleaned(scan)
+            ground = self._seen(drive.imager, drive.pose(scan), cleaned, today, pose)
+            return drive.imager.signal(scan) - ground
         return None
 
     def ground_in(self, cleaned: ComplexArray, pose: FloatArray) -> ComplexArray | None:
@@ -216,10 +219,10 @@ class EarlierRuns(ClutterStage):
         (polarization, pair, frequency) ndarray of complex or None
             What the ground adds; None where no earlier scan lies near.
         """
-        for name, drive in self._drives.items():
+        for drive in self._drives:
             for scan in self._nearest(drive, pose)[:1]:
-                fitted = self._reflectivity(name, scan)
-                return self._seen(self.setup.imager, pose, cleaned, fitted, drive.pose(scan))
+                imager, ground = self.setup.imager, drive.ground(scan)
+                return self._seen(imager, pose, cleaned, ground, drive.pose(scan))
         return None
 
     def _seen(
@@ -304,9 +307,26 @@ class EarlierRuns(ClutterStage):
         days: dict[str, ComplexArray] = self._of_thread.days
         return days
 
+    def stood_still(self) -> ComplexArray | None:
+        """Estimate what stood still at the earlier drives, each by itself, and return the first's.
+
+        Live there is nothing of today to tell it by. None: that drive's array was another one.
+        """
+        drives = self._drives if self.settings.iterations else []
+        for drive in drives:
+            field = drive.standing_alone(_REFINING)
+            self.setup.results[drive.result] = {"field": field}
+        own, first = self.setup.imager.run, self._drives[0]
+        for end in ("tx_position", "rx_position"):
+            places, then = own[end].values, first.imager.run[end].values
+            if places.shape != then.shape or not np.allclose(places, then, atol=_SAME_PLACE):
+                return None
+        known: ComplexArray = self.setup.results.get(first.result, {"field": first.median})["field"]
+        return known
+
     def is_alone(self, pose: FloatArray) -> bool:
         """Return whether no earlier scan lies near a pose (6,)."""
-        return not any(self._nearest(drive, pose) for drive in self._drives.values())
+        return not any(self._nearest(drive, pose) for drive in self._drives)
 
     def _nearest(self, drive: EarlierDrive, pose: FloatArray) -> list[int]:
         """Return the scans of an earlier drive that lie near a pose, the nearest first."""
@@ -317,32 +337,14 @@ class EarlierRuns(ClutterStage):
         own = self.setup.imager
         points = own.grid.points()[:rows]
         today = own.operator_at(pose, points, own.subbands, own.window)
-        for name, drive in self._drives.items():
+        for drive in self._drives:
             for scan in self._nearest(drive, pose):
                 then = drive.pose(scan)
                 if self.settings.iterations:
-                    fitted = self._reflectivity(name, scan)
-                    echo_at = partial(self._model.echo, own, pose, fitted, then)
+                    echo_at = partial(self._model.echo, own, pose, drive.ground(scan), then)
                     yield ModelledLook(echo_at, today)
                 else:
-                    yield ImagedLook(drive.imager, points, pose, then, self._cleaned(name, scan))
-
-    def _cleaned(self, name: str, scan: int) -> ComplexArray:
-        """Return the data of an earlier scan without what stood still."""
-        drive = self._drives[name]
-        field = self.setup.results.get(f"{_THEN}.{name}", {}).get("field")
-        return subtract_standing(
-            drive.imager.signal(scan), drive.median if field is None else field
-        )
-
-    def _reflectivity(self, name: str, scan: int) -> ComplexArray:
-        """Return the ground (polarization, 1, y, x) that explains the data of an earlier scan."""
-        drive = self._drives[name]
-
-        def fit() -> ComplexArray:
-            return self._model.fit(drive.imager, drive.pose(scan), self._cleaned(name, scan))
-
-        return self._fitted.of((name, scan, f"{_THEN}.{name}" in self.setup.results), fit)
+                    yield ImagedLook(drive.imager, points, pose, then, drive.cleaned(scan))
 
     def _match(self, block: range | None) -> Accumulator:  # noqa: ARG002
         """Return what gathers how well the drives fit, on scans spread over the run."""

@@ -18,10 +18,11 @@ from flgpr.clutter import fit_by_model, offset_between, standing_field, subtract
 from flgpr.imaging import ImagingOperator, ScanImager
 from flgpr.model import SPEED_OF_LIGHT, Grid, lane_to_scan, scan_to_lane
 from flgpr.stages.standing import StandingSettings, spread_scans
-from flgpr.types import ComplexArray, FloatArray, floats
+from flgpr.types import Arrays, ComplexArray, FloatArray, floats
 
 _PARTS = 8  # of the band, in each of which what a model says of a scan has a gain of its own
 _SPACING = 0.4  # of fitted ground, wavelengths of the highest tone
+_APART = 0.5  # m, least distance of the scan whose ground is taken out of another one
 
 
 class GroundModel:
@@ -190,36 +191,6 @@ def explained(data: ComplexArray, echo: ComplexArray) -> ComplexArray:
     return data - np.concatenate(left, axis=-1)
 
 
-class EarlierDrive:
-    """An earlier drive over the road.
-
-    Parameters
-    ----------
-    imager : ScanImager
-        Images its scans on today's pixels.
-    """
-
-    def __init__(self, imager: ScanImager) -> None:
-        self.imager = imager
-        self._places = floats(imager.run["pose"].values[imager.scans])[:, :2]
-
-    def pose(self, scan: int) -> FloatArray:
-        """Return the pose (6,) of a scan."""
-        return floats(self.imager.run["pose"].values[scan])
-
-    def nearest(self, pose: FloatArray, looks: int, within: float) -> list[int]:
-        """Return the scans that lie nearest to a pose, so many at most and none farther away."""
-        away = np.hypot(*(self._places - pose[:2]).T)
-        nearest = np.argsort(away, kind="stable")[:looks]
-        return [int(self.imager.scans[one]) for one in nearest if away[one] <= within]
-
-    @cached_property
-    def median(self) -> ComplexArray:
-        """The median of its data, which is about what stood still on the vehicle."""
-        chosen = self.imager.scans[spread_scans(len(self.imager), StandingSettings().most)]
-        return standing_field(np.stack([self.imager.signal(int(scan)) for scan in chosen]))
-
-
 class FittedGround:
     """The ground fitted to scans of earlier drives that was wanted last, for threads to share.
 
@@ -242,6 +213,98 @@ class FittedGround:
                 del self._kept[next(iter(self._kept))]
             self._kept[key] = fitted
         return fitted
+
+
+class EarlierDrive:
+    """An earlier drive over the road.
+
+    Parameters
+    ----------
+    name : str
+        Name of its run.
+    imager : ScanImager
+        Images its scans on today's pixels.
+    model : GroundModel
+        Fits ground to its scans.
+    kept : FittedGround
+        Keeps ground that was fitted.
+    results : mapping of str to Arrays
+        Results of passes; :attr:`result` among them, once it is there, has the ``field`` that stood
+        still at this drive.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        imager: ScanImager,
+        model: GroundModel,
+        kept: FittedGround,
+        results: Mapping[str, Arrays],
+    ) -> None:
+        self.imager = imager
+        self.result = f"earlier.then.{name}"
+        self._results = results
+        self._model = model
+        self._kept = kept
+        self._places = floats(imager.run["pose"].values[imager.scans])[:, :2]
+
+    def pose(self, scan: int) -> FloatArray:
+        """Return the pose (6,) of a scan."""
+        return floats(self.imager.run["pose"].values[scan])
+
+    def nearest(self, pose: FloatArray, looks: int, within: float) -> list[int]:
+        """Return the scans that lie nearest to a pose, so many at most and none farther away."""
+        away = np.hypot(*(self._places - pose[:2]).T)
+        nearest = np.argsort(away, kind="stable")[:looks]
+        return [int(self.imager.scans[one]) for one in nearest if away[one] <= within]
+
+    def cleaned(self, scan: int) -> ComplexArray:
+        """Return the data (polarization, pair, frequency) of a scan without what stood still."""
+        field = self._results.get(self.result, {}).get("field")
+        return subtract_standing(self.imager.signal(scan), self.median if field is None else field)
+
+    def ground(self, scan: int) -> ComplexArray:
+        """Return the ground (polarization, 1, y, x) that explains the data of a scan."""
+        key = self.result, scan, self.result in self._results
+        return self._kept.of(
+            key, lambda: self._model.fit(self.imager, self.pose(scan), self.cleaned(scan))
+        )
+
+    @cached_property
+    def median(self) -> ComplexArray:
+        """The median of its data, which is about what stood still on the vehicle."""
+        chosen = self.imager.scans[spread_scans(len(self.imager), StandingSettings().most)]
+        return standing_field(np.stack([self.imager.signal(int(scan)) for scan in chosen]))
+
+    def standing_alone(self, most: int) -> ComplexArray:
+        """Estimate what stood still on the vehicle (polarization, pair, frequency), by this drive alone.
+
+        The median of so few scans still holds a part of the ground, about one in their number. So
+        the ground that the scan beside it shows is taken out of each before their median is taken.
+
+        Parameters
+        ----------
+        most : int
+            Number of scans that are taken at most.
+        """
+        imager = self.imager
+        left = []
+        for scan in imager.scans[spread_scans(len(imager), most)]:
+            signal, pose = imager.signal(int(scan)), self.pose(int(scan))
+            beside = self._beside(pose)
+            if beside is not None:
+                ground, there = self.ground(beside), self.pose(beside)
+                echo = self._model.echo(imager, pose, ground, there, np.zeros(3))
+                signal = signal - explained(self.cleaned(int(scan)), echo)
+            left.append(signal)
+        return standing_field(np.stack(left))
+
+    def _beside(self, pose: FloatArray) -> int | None:
+        """Return the nearest scan from where ground looks otherwise than what stands still does."""
+        away = np.hypot(*(self._places - pose[:2]).T)
+        away[away < _APART] = np.inf
+        nearest = int(np.argmin(away))
+        return int(self.imager.scans[nearest]) if np.isfinite(away[nearest]) else None
 
 
 def as_channels(image: ComplexArray) -> ComplexArray:
