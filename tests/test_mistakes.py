@@ -134,6 +134,18 @@ def place(tmp_path_factory):
 
 
 MISTAKES = {
+    "a reaction time of a vehicle without a speed": (
+        "live {in}/incoming --recipe {causal} --reaction 1 -o {out}/a",
+        "reaction goes with a speed, here or in the recipe, got 1 alone",
+    ),
+    "a page that is not asked for must not open a browser": (
+        "live {in}/incoming --recipe {causal} --no-browser -o {out}/a",
+        "--no-browser goes with --view, got it alone",
+    ),
+    "an end before the beginning": (
+        "live {in}/incoming --recipe {causal} --idle -3 -o {out}/a",
+        "idle must be 0 s or more, got -3",
+    ),
     # The radar engineer
     "tones in MHz": (
         lambda _: made(frequency=RUN["frequency"].values / 1e6),

@@ -72,6 +72,8 @@ def _page(call: Arguments) -> Iterator[None]:
     The viewer is a process of its own: all it shares with the detection is the file of events.
     """
     if not call.view:
+        if call.no_browser:
+            raise ValueError("--no-browser goes with --view, got it alone")
         yield
         return
     command = [sys.executable, "-m", "flgpr", "view", "--live", str(call.output), "--answers"]
@@ -255,6 +257,9 @@ def live(
         front=front,
         threshold=threshold,
     )
+    for name, value in (("reaction", reaction), ("deceleration", deceleration)):
+        if value is not None and vehicle.speed is None:
+            raise ValueError(f"{name} goes with a speed, here or in the recipe, got {value:g} alone")
     options = LiveOptions(
         recipe=recipe,
         output=output,

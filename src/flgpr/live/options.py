@@ -71,6 +71,8 @@ class LiveOptions:
             raise ValueError(f"rate goes with a recording that is played, got {self.rate:g}")
         if not 0 <= self.worth <= 1:
             raise ValueError(f"worth must be a probability, 0 to 1, got {self.worth}")
+        if self.idle is not None and not self.idle >= 0:
+            raise ValueError(f"idle must be 0 s or more, got {self.idle:g}")
         if self.snapshot < 0:
             raise ValueError(f"snapshot must be a number of scans from 0, got {self.snapshot}")
         if self.recipe is None and self.model is not None:
