@@ -30,6 +30,7 @@ from flgpr.store.dialects import TableReading, parse_columns_option
 from flgpr.store.files import existing
 from flgpr.store.outputs import atomic_output
 from flgpr.store.tables import parse_table
+from flgpr.store.text import zoned_time
 from flgpr.store.writing import json_value, write_table
 from flgpr.types import AnyArray
 from flgpr_exchange.cphd.phase_history import write_cphd
@@ -102,11 +103,8 @@ def export_sigmf(wish: Wish) -> Path:
 
 def moment_of(time: str, limits: str = "") -> datetime:
     """Return a time of ISO 8601 with a time zone; ``limits`` are what the error says besides."""
-    try:
-        moment = datetime.fromisoformat(time)
-    except ValueError:
-        moment = datetime.min
-    if moment.tzinfo is None:
+    moment = zoned_time(time)
+    if moment is None:
         raise ValueError(f"time must be ISO 8601 with a time zone{limits}, got {time!r}")
     return moment
 

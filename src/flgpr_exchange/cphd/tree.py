@@ -14,6 +14,7 @@ from flgpr.geo.anchor import Anchor
 from flgpr.json_text import canonical_json
 from flgpr.model import POSE_COMPONENTS, Grid
 from flgpr.store.extras import optional
+from flgpr.store.text import utc_text
 from flgpr.types import Arrays, Entries, FloatArray
 from flgpr_exchange.documents import document
 
@@ -85,7 +86,7 @@ def metadata_tree(
         "flgpr_exchange.cphd",
         "metadata.xml",
         title=str(run.attrs.get("title", "run"))[:_LONGEST_TITLE] or "run",
-        begin=(begin or _UNKNOWN).astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ"),
+        begin=utc_text(begin or _UNKNOWN),
         first_time=float(time[0]),
         last_time=float(time[-1]),
         lowest=float(first["FX1"][0]),

@@ -19,6 +19,7 @@ from flgpr.model import check_run
 from flgpr.model.printable import printable
 from flgpr.store.notes import log_note
 from flgpr.store.outputs import atomic_output
+from flgpr.store.text import utc_text
 from flgpr.toml_text import toml_value
 from flgpr.types import Entries
 from flgpr_exchange.sigmf.reading import DATA, META, NAMESPACE, VERSION
@@ -219,12 +220,11 @@ def _moment(time: datetime | None, times: np.ndarray[Any, Any], scan: int) -> st
     if not math.isfinite(seconds):
         return None
     try:
-        moment = time.astimezone(UTC) + timedelta(seconds=seconds)
+        return utc_text(time.astimezone(UTC) + timedelta(seconds=seconds))
     except OverflowError:
         raise ValueError(
             f"time of scan {scan} must lie in the years 1 to 9999, got {seconds:g} s after {time}"
         ) from None
-    return moment.replace(tzinfo=None).isoformat(timespec="microseconds") + "Z"
 
 
 def _mapping(run: xr.Dataset, name: str) -> str:
