@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, model_validator
 
 from flgpr.door import read_named
 from flgpr.geo.geodesy import (
@@ -23,7 +23,7 @@ from flgpr.geo.geodesy import (
     transformer_of,
 )
 from flgpr.model.bounds import NotNegative, Positive
-from flgpr.model.faults import faults_of, first_fault
+from flgpr.model.faults import faults_of, first_fault_of
 from flgpr.model.frames import heading_matrix
 from flgpr.store.files import existing
 from flgpr.toml_text import parse_toml
@@ -356,12 +356,9 @@ def read_anchor(path: str | Path) -> Anchor:
     path = existing(path, "anchor file")
     with faults_of(path):
         entries = parse_toml(read_named(path))
-    try:
-        return _fit_file(_AnchorFile.model_validate(entries))
-    except ValidationError as error:
-        raise ValueError(f"{path}: {first_fault(error, _AnchorFile)}") from None
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+        with first_fault_of(_AnchorFile):
+            file = _AnchorFile.model_validate(entries)
+        return _fit_file(file)
 
 
 def _fit_file(entries: _AnchorFile) -> Anchor:

@@ -56,6 +56,15 @@ def parse_entries(
 
 
 @contextmanager
+def first_fault_of(schema: type[BaseModel], file_name: str = "") -> Iterator[None]:
+    """Turn the faults of a validation into a ValueError of the first, see :func:`first_fault`."""
+    try:
+        yield
+    except ValidationError as error:
+        raise ValueError(first_fault(error, schema, file_name)) from None
+
+
+@contextmanager
 def faults_of(path: str | Path) -> Iterator[None]:
     """Turn an error about the content of a file into a ValueError that names the file."""
     try:

@@ -53,3 +53,11 @@ def text_bytes(text: str) -> bytes:
         The text, with escapes such as ``\udcff``.
     """
     return text.encode("utf-8", "backslashreplace")
+
+
+def in_one_line(error: Exception, most: int | None = None) -> str:
+    """Return the message of an error in one line of ``most`` characters, or its name without one.
+
+    Messages of other people's libraries may run over several lines and quote a file at length.
+    """
+    return " ".join(str(error).split())[:most] or type(error).__name__

@@ -220,6 +220,11 @@ def check_run(run: xr.Dataset) -> xr.Dataset:
     return run
 
 
+def polarizations_of(data: xr.Dataset | xr.DataArray) -> list[str]:
+    """Return the labels of the polarizations of a run, an image or a run-view."""
+    return [str(label) for label in data["polarization"].values]
+
+
 def complete_scans(run: xr.Dataset) -> BoolArray:
     """Mark the scans (scan,) with every sweep; a gap changes the array, so it is not processed."""
     return np.asarray(run["valid"].values.all(axis=(1, 2)), dtype=np.bool_)

@@ -19,7 +19,7 @@ from flgpr.door import DoorError, Folder, refuse_links
 from flgpr.json_text import canonical_json, parse_json, sha256
 from flgpr.model import check_run, make_run
 from flgpr.model.constants import VARIABLE_ATTRS
-from flgpr.model.run import check_poses, measured_sweeps
+from flgpr.model.run import check_poses, measured_sweeps, polarizations_of
 from flgpr.store.files import (
     PARTIAL,
     replace_folder,
@@ -563,7 +563,7 @@ def _fixed_of(run: xr.Dataset) -> tuple[Any, list[str], Any, Any, dict[str, Any]
     """Return what all scans of a run share, as the writer of a store takes it."""
     return (
         run["frequency"].values,
-        [str(label) for label in run["polarization"].values],
+        polarizations_of(run),
         run["tx_position"].values,
         run["rx_position"].values,
         {str(key): value for key, value in run.attrs.items()},

@@ -27,7 +27,7 @@ import xarray as xr
 from flgpr.door import DoorError, Folder
 from flgpr.json_text import canonical_json, parse_json, sha256
 from flgpr.model import check_frequency, make_run
-from flgpr.model.run import check_polarization
+from flgpr.model.run import check_polarization, polarizations_of
 from flgpr.store.files import write_whole
 from flgpr.types import ArrayLike, ComplexArray, FloatArray, floats
 
@@ -134,7 +134,7 @@ def describe_for_live(run: xr.Dataset) -> RunDescription:
     attrs = {name: run.attrs[name] for name in ("georeference", "source") if name in run.attrs}
     return RunDescription(
         floats(run["frequency"].values),
-        [str(label) for label in run["polarization"].values],
+        polarizations_of(run),
         floats(run["tx_position"].values),
         floats(run["rx_position"].values),
         str(run.attrs.get("title", "run")),

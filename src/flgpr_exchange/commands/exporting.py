@@ -23,6 +23,7 @@ from flgpr.geo.geodesy import transform_lonlat
 from flgpr.geo.geotiff import write_geotiff
 from flgpr.geo.points import STATEMENT, georeference, write_earth_csv, write_earth_geojson
 from flgpr.method.detection import MAIN, Detection
+from flgpr.model.run import polarizations_of
 from flgpr.results.result import Result, read_result
 from flgpr.results.score import read_scored_truth
 from flgpr.store import open_run, sha256
@@ -308,10 +309,8 @@ def alarm_channel(result: Result, detection: Detection) -> int:
 
     The first one where the result does not say.
     """
-    channels = itertools.product(
-        detection.view["polarization"].values.astype(str),
-        detection.view["subband"].values.astype(str),
-    )
+    subbands = detection.view["subband"].values.astype(str)
+    channels = itertools.product(polarizations_of(detection.view), subbands)
     raised = tuple(result.files().json("view/index.json")["channel"])
     return next((number for number, one in enumerate(channels) if one == raised), 0)
 

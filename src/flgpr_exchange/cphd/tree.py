@@ -13,6 +13,7 @@ import xarray as xr
 from flgpr.geo.anchor import Anchor
 from flgpr.json_text import canonical_json
 from flgpr.model import POSE_COMPONENTS, Grid
+from flgpr.model.run import polarizations_of
 from flgpr.store.extras import optional
 from flgpr.store.text import utc_text
 from flgpr.types import Arrays, Entries, FloatArray
@@ -130,8 +131,7 @@ def _place(anchor: Anchor, scene: Grid) -> Entries:
 def _channel(run: xr.Dataset, name: str) -> Entries:
     """Return name and polarization of a channel, and whether no sweep of it is missing."""
     pair, label = name.split("_")[:2]
-    labels = [str(one) for one in run["polarization"].values]
-    sweeps = run["valid"].values[:, labels.index(label), int(pair)]
+    sweeps = run["valid"].values[:, polarizations_of(run).index(label), int(pair)]
     return {"name": name, "label": label, "complete": bool(sweeps.all())}
 
 

@@ -10,6 +10,7 @@ from flgpr.formats.section import GprSection
 from flgpr.geo.anchor import Anchor
 from flgpr.geo.track_anchor import is_astray
 from flgpr.model.bounds import LARGEST
+from flgpr.model.frames import steps_of, wrapped
 from flgpr.model.motion import Motion, judge_poses, some_steps
 from flgpr.model.plausible import MotionLimits
 from flgpr.model.track import course, make_track, poses_at
@@ -264,7 +265,7 @@ def doubts_of_fixes(section: GprSection) -> list[str]:
     lines = [note.replace("left out, which", later) for note in notes]
     if section.distance is None or len(trace) < 2:
         return lines
-    by_receiver = float(np.hypot(*np.diff(position[:, :2], axis=0).T).sum())
+    by_receiver = float(steps_of(position).sum())
     first = math.ceil(trace[0])
     last = math.floor(trace[-1])
     by_traces = float(np.abs(np.diff(section.distance[first : last + 1])).sum())
@@ -285,6 +286,6 @@ def _near_middle(fixes: FloatArray) -> FloatArray:
     longitude, latitude = np.radians(fixes[:, 1:3]).T
     middle = float(np.median(latitude))
     # The difference of longitudes is wrapped: a line may cross the date line.
-    difference = np.angle(np.exp(1j * (longitude - np.median(longitude))))
+    difference = wrapped(longitude - np.median(longitude))
     east = difference * math.cos(middle)
     return _EARTH * np.stack([east, latitude - middle, np.zeros_like(east)], axis=1)
