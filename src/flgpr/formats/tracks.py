@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from flgpr.door import read_named
 from flgpr.formats.nmea import (
     HEADINGS,
     Position,
@@ -28,8 +27,7 @@ from flgpr.model.faults import faults_of
 from flgpr.model.frames import wrapped
 from flgpr.model.track import TRACK_COLUMNS, bridged, course, make_track
 from flgpr.store.files import existing
-from flgpr.store.store_layout import MAX_MEMORY
-from flgpr.store.text import decode_text
+from flgpr.store.text import read_text
 from flgpr.store.text_tables import read_text_table
 from flgpr.types import AnyArray, FloatArray, Notes, floats
 
@@ -273,7 +271,7 @@ def read_nmea(
 
 def _read_log(path: Path, quality: tuple[int, ...], notes: Notes) -> _NmeaLog:
     """Read the GGA of some qualities and the headings of a log; count what is not used."""
-    text = decode_text(read_named(path, MAX_MEMORY), path.name, notes)
+    text = read_text(path, notes)
     counts = SentenceCounts()
     fixes: list[tuple[float, Position]] = []
     qualities: Counter[int] = Counter()

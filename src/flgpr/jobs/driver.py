@@ -310,8 +310,9 @@ def run_sections(job: LaneJob, plan: LanePlan, runner: PassRunner) -> None:
             threshold = _find_threshold(plan.lane, section_jobs, runner)
             shared["threshold"] = {"threshold": np.array(threshold)}
         threshold = float(shared["threshold"]["threshold"])
-        for section_job in section_jobs:
-            _finish_section(plan.lane, section_job, threshold, runner)
+        for section_job, section in zip(section_jobs, plan.sections, strict=True):
+            known = replace(section, threshold=threshold)
+            _finish_section(plan.lane, replace(section_job, section=known), runner)
         join_results(gathering, names, Lane(*job.lane), job.lasting_identity)
         replace_folder(gathering, job.folder)
 
@@ -347,11 +348,8 @@ def _find_threshold(lane: ImagedRun, section_jobs: Sequence[LaneJob], runner: Pa
     return lane_threshold(lane.recipe, lane.lane, maxima, pixels_seen)
 
 
-def _finish_section(lane: ImagedRun, job: LaneJob, threshold: float, runner: PassRunner) -> None:
+def _finish_section(lane: ImagedRun, job: LaneJob, runner: PassRunner) -> None:
     """Do the rest of a section and write its result, unless that is done."""
-    if job.section is None:
-        raise ValueError("job must have a section, got the whole lane")
-    job = replace(job, section=replace(job.section, threshold=threshold))
     if is_done(job):
         return
     label = f"{job.name}: "

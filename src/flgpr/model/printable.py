@@ -61,3 +61,8 @@ def in_one_line(error: Exception, most: int | None = None) -> str:
     Messages of other people's libraries may run over several lines and quote a file at length.
     """
     return " ".join(str(error).split())[:most] or type(error).__name__
+
+
+def shortened(text: str, most: int = 100) -> str:
+    """Return the beginning of a text that may come from anybody, for a message."""
+    return text if len(text) <= most else f"{text[:most]}..."

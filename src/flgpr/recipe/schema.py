@@ -102,6 +102,11 @@ class Recipe(Table):
         return self.map is not None or views or "clutter.masks" in self.named()
 
     @property
+    def map_settings(self) -> Any:
+        """Settings of its map; None without one."""
+        return None if self.map is None else self.map.settings
+
+    @property
     def view_channels(self) -> list[str]:
         """Names of the run-view's sub-bands or ranges.
 

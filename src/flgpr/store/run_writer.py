@@ -18,7 +18,7 @@ import xarray as xr
 from flgpr.door import DoorError, Folder, refuse_links
 from flgpr.json_text import canonical_json, parse_json, sha256
 from flgpr.model import check_run, make_run
-from flgpr.model.constants import VARIABLE_ATTRS
+from flgpr.model.constants import DIMS, VARIABLE_ATTRS
 from flgpr.model.run import check_poses, measured_sweeps, polarizations_of
 from flgpr.store.files import (
     PARTIAL,
@@ -47,7 +47,6 @@ from flgpr.store.run_store import (
     RunStoreError,
     manifest_bytes,
 )
-from flgpr.store.store_layout import DIMS
 from flgpr.types import ArrayLike, BoolArray, ComplexArray, FloatArray, floats
 
 GROUP = "zarr.json"
@@ -56,7 +55,6 @@ _SCANS_PER_GROWTH = 64  # Zarr writes the array's description anew each time it 
 _WIDTH = np.dtype(np.complex64).itemsize
 _SMALL_SCAN = 4096  # bytes: a file takes at least so many on a disk, and smaller scans share one
 _PIECE = 65_536  # bytes of such a file
-_SIGNAL_DIMS = ("scan", "polarization", "pair", "frequency")
 
 
 class _Scan(NamedTuple):
@@ -355,7 +353,7 @@ class RunWriter:
         self._signal.resize((len(scans), *self._shape))
         for name in ("valid", "tx_position", "rx_position", "pose", "frequency", "time"):
             values = self._frequency if name == "frequency" else run[name].values
-            array = self._array(name, values.shape, values.shape, str(values.dtype), run[name].dims)
+            array = self._array(name, values.shape, values.shape, str(values.dtype))
             array[...] = values
 
     def _check_free(self, overwrite: bool) -> None:
@@ -430,7 +428,6 @@ class RunWriter:
         shape: tuple[int, ...],
         chunks: tuple[int, ...],
         dtype: str,
-        dims: tuple[Any, ...] = _SIGNAL_DIMS,
     ) -> Any:
         """Return a new array of the store."""
         from zarr.codecs import Crc32cCodec
@@ -443,7 +440,7 @@ class RunWriter:
             fill_value=False if dtype == "bool" else np.nan,
             compressors=[Crc32cCodec()],
             filters=[],
-            dimension_names=list(map(str, dims)),
+            dimension_names=DIMS[name],
             attributes=VARIABLE_ATTRS[name],
             config={"write_empty_chunks": True},
         )

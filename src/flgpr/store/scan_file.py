@@ -27,6 +27,7 @@ import xarray as xr
 from flgpr.door import DoorError, Folder
 from flgpr.json_text import canonical_json, parse_json, sha256
 from flgpr.model import check_frequency, make_run
+from flgpr.model.printable import shortened
 from flgpr.model.run import check_polarization, polarizations_of
 from flgpr.store.files import write_whole
 from flgpr.types import ArrayLike, ComplexArray, FloatArray, floats
@@ -47,7 +48,6 @@ _LARGEST_SCAN = 2**53  # up to here every reader of JSON holds integers exactly
 _FARTHEST = 1e3  # distance of an antenna from the vehicle, m
 _HIGHEST = 1e12  # frequency of a tone, Hz
 _FARTHEST_POSE = 1e7  # coordinate of the vehicle in the lane, m
-_LONGEST_VALUE = 100  # characters of a bad value that a message shows
 _DESCRIPTION_KEYS = ("polarization", "frequency_hz", "tx_m", "rx_m")
 
 
@@ -466,7 +466,7 @@ def pose_fault(frame: Frame) -> str:
     """
     value = frame.header.get("pose")
     rule = "" if value is None else _broken_pose_rule(value)
-    return f"pose must {rule}, got {_shortened(value)}" if rule else ""
+    return f"pose must {rule}, got {shortened(repr(value))}" if rule else ""
 
 
 def _pose(value: Any) -> FloatArray | None:
@@ -493,12 +493,6 @@ def _broken_pose_rule(value: Any) -> str:
     if (np.abs(pitch_and_roll) > math.pi / 2).any():
         return "have pitch and roll within a quarter turn"
     return ""
-
-
-def _shortened(value: Any) -> str:
-    """Return a JSON value as text of at most a hundred characters; it may come from anybody."""
-    text = repr(value)
-    return text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}..."
 
 
 def write_description(description: RunDescription, folder: Path) -> None:

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import codecs
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
+
+from flgpr.door import read_named
+from flgpr.store.store_layout import MAX_MEMORY
 
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig", "UTF-8"),
@@ -56,6 +60,11 @@ def decode_text(data: bytes, name: str, notes: list[str] | None = None) -> str:
     if notes is not None and encoding != "UTF-8":
         notes.append(f"{name} is text in {encoding}")
     return text
+
+
+def read_text(path: Path, notes: list[str]) -> str:
+    """Read a text file that a user named, of up to MAX_MEMORY bytes, by :func:`decode_text`."""
+    return decode_text(read_named(path, MAX_MEMORY), path.name, notes)
 
 
 def _encoding_of(data: bytes) -> tuple[str, str]:

@@ -10,9 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from flgpr.budget import Budget
-from flgpr.door import read_named
-from flgpr.store.store_layout import MAX_MEMORY
-from flgpr.store.text import decode_text
+from flgpr.store.text import read_text
 from flgpr.store.writing import plain_text
 from flgpr.types import AnyArray, Arrays
 
@@ -100,7 +98,7 @@ def text_columns(path: Path) -> dict[str, list[str]]:
 
 def _blocks(path: Path, notes: list[str]) -> list[tuple[str, list[_Line]]]:
     """Return the lines of a text by the blocks of BEGIN and END; a single one if there is none."""
-    text = decode_text(read_named(path, MAX_MEMORY), path.name, notes)
+    text = read_text(path, notes)
     if "\x00" in text:
         raise ValueError("it holds zero bytes and is no text")
     # Every line and every mark between cells becomes a text of its own.
