@@ -123,6 +123,6 @@ def _is_result_of(job: LaneJob, manifest: Mapping[str, Any]) -> bool:
         and (lane.x_min, lane.x_max, lane.y_min, lane.y_max) == job.lane
         and section.get("rows") == identity["rows"]
         and manifest["files"].get(f"{MODEL}/{MODEL_FILE}", "") == job.model_sha256
-        and manifest["run"].get("unlike", {}).get("choice", job.unlike) == job.unlike
-        and manifest["run"].get("far", {}).get("rate") == job.far
+        and manifest["run"].get("unlike", {}).get("choice", job.trust.unlike) == job.trust.unlike
+        and manifest["run"].get("far", {}).get("rate") == job.trust.far
     )

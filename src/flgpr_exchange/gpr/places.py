@@ -27,15 +27,10 @@ _CLOSE = 20.0  # m that the path of a receiver without corrections may be off
 _SLIP = 2  # times the traces' own distance that positions may lie apart
 
 
-def trace_poses(
-    section: GprSection,
-    step: float | None,
-    height: float,
-    anchor: Anchor | None,
-    topography: bool,
-    notes: Notes,
+def poses_by_distance(
+    section: GprSection, step: float | None, height: float, notes: Notes
 ) -> tuple[IntArray, FloatArray]:
-    """Return the traces that have a pose, and their poses.
+    """Return all traces of a line that is put along +y, and their poses.
 
     Parameters
     ----------
@@ -45,10 +40,6 @@ def trace_poses(
         Distance between traces, m, in place of the file's.
     height : float
         Height of the antennas over the ground, m.
-    anchor : Anchor or None
-        Takes the satellite receiver's positions to the lane; without one the line runs along +y.
-    topography : bool
-        Whether the receiver's heights are used.
     notes : list of str
         Notes are added to it.
 
@@ -62,20 +53,8 @@ def trace_poses(
     Raises
     ------
     ValueError
-        If positions, heights or distances that are needed are missing.
+        If the step is none that traces have, or no distances are known.
     """
-    if anchor is not None:
-        if step is not None:
-            raise ValueError(
-                "step tells distances along the line, an anchor puts the traces on the satellite "
-                f"receiver's positions: give one, got step {step:g} m and an anchor"
-            )
-        return _poses_by_fixes(section, height, anchor, topography, notes)
-    if topography:
-        raise ValueError(
-            "topography needs an anchor and a receiver's heights: "
-            "give `anchor` or anchor_from_track"
-        )
     if step is not None and not 1e-5 <= step <= 1e3:
         raise ValueError(f"step must be from 1e-5 to 1e3 m, got {step:g}")
     count = len(section.traces)
@@ -94,10 +73,34 @@ def trace_poses(
     return np.arange(count), pose
 
 
-def _poses_by_fixes(
+def poses_by_fixes(
     section: GprSection, height: float, anchor: Anchor, topography: bool, notes: Notes
 ) -> tuple[IntArray, FloatArray]:
-    """Return the traces between the receiver's first and last position, and their poses."""
+    """Return the traces between the satellite receiver's first and last position, and their poses.
+
+    Parameters
+    ----------
+    section : GprSection
+        The line.
+    height : float
+        Height of the antennas over the ground, m.
+    anchor : Anchor
+        Takes the receiver's positions to the lane.
+    topography : bool
+        Whether the receiver's heights are used.
+    notes : list of str
+        Notes are added to it.
+
+    Returns
+    -------
+    traces, poses
+        As of :func:`poses_by_distance`.
+
+    Raises
+    ------
+    ValueError
+        If positions or heights that are needed are missing.
+    """
     if len(section.fixes) < 2:
         reasons = [note for note in section.history if any(word in note for word in _OF_FIXES)]
         raise ValueError(
