@@ -18,7 +18,7 @@ from flgpr.formats.mapping import (
     TrackTable,
     factor,
 )
-from flgpr.formats.sources import Sources, real
+from flgpr.formats.sources import Sources
 from flgpr.geo.track_anchor import anchor_from_fixes
 from flgpr.model import POSE_COMPONENTS
 from flgpr.model.frames import wrapped
@@ -195,7 +195,7 @@ class _PlaceReader:
         with self.sources.entry(where, spec.file):
             if spec.variable is not None:
                 blocks = self.sources.arrays(spec.file, spec.variable, where)
-                rotations = real(self.sources.assembled(blocks, self.along, where), where)
+                rotations = self.sources.assembled(blocks, self.along, where)
                 rotations = rotations.reshape(-1, rotations.shape[-1])
             else:
                 components = [

@@ -436,7 +436,9 @@ def fit_anchor(
     local = floats(lane)
     surveyed = floats(position)
     _check_points(local, surveyed, accuracy)
-    heights_known = _all_known(height)
+    heights_known = height is not None and all(
+        value is not None and math.isfinite(value) for value in height
+    )
     up = np.array(height, dtype=np.float64) if heights_known else np.zeros(len(local))
     lonlat, crs_accuracy = to_wgs84(system, surveyed)
     origin = (_mean_longitude(lonlat[:, 0]), float(lonlat[:, 1].mean()), float(up.mean()))
@@ -502,13 +504,6 @@ def _check_misfit(misfit: FloatArray, accuracy: float) -> None:
             f"{accuracy:g} m, point {worst + 1} is off by {misfit[worst]:.3g} m: "
             "are two points swapped, or x and y?"
         )
-
-
-def _all_known(height: Sequence[float | None] | None) -> bool:
-    """Return whether every point has a finite height."""
-    if height is None:
-        return False
-    return all(value is not None and math.isfinite(value) for value in height)
 
 
 def _direction(lane: FloatArray, enu: FloatArray) -> tuple[float, float]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
@@ -250,7 +250,7 @@ def make_job(
     return LaneJob(
         run=absolute(run),
         recipe=recipe,
-        lane=(area.x_min, area.x_max, area.y_min, area.y_max),
+        lane=astuple(area),
         model=None if model is None else absolute(model),
         output=absolute(output),
         report=report,

@@ -147,24 +147,21 @@ class RunWriter:
         self._together = together
         self._waiting: list[_Scan] = []
         self._limits = limits or {}
-        self._frequency = floats(frequency)
-        self._polarization = [str(label) for label in np.atleast_1d(np.asarray(polarization))]
-        self._tx = floats(tx_position)
-        self._rx = floats(rx_position)
+        labels = [str(label) for label in np.atleast_1d(np.asarray(polarization))]
+        # What all scans share, as make_run takes it.
+        self._fixed = (floats(frequency), labels, floats(tx_position), floats(rx_position))
         try:
             self._attrs = parse_json(canonical_json(attrs or {}))
         except (TypeError, ValueError) as error:
             raise ValueError(f"attrs must be writable as JSON: {error}") from None
-        self._shape = (len(self._polarization), len(self._tx), self._frequency.size)
+        self._shape = (len(labels), len(self._fixed[2]), self._fixed[0].size)
         # A broken rule is found here, not when the last scan is written.
         probe = np.broadcast_to(np.complex64(0), (1, *self._shape))
-        make_run(probe, self._frequency, self._polarization, self._tx, self._rx, np.zeros((1, 6)))
+        make_run(probe, *self._fixed, np.zeros((1, 6)))
         self.keeps = resume
         self._committed = False
         self._partial = _partial_store(self.path)
-        self._about = describe_inputs(
-            self._frequency, self._polarization, self._tx, self._rx, self._attrs, inputs
-        )
+        self._about = describe_inputs(*self._fixed, self._attrs, inputs)
         self._check_free(overwrite)
         try:
             with writing(self.path):
@@ -307,7 +304,7 @@ class RunWriter:
             {
                 "format": FORMAT,
                 "version": VERSION,
-                "polarization": self._polarization,
+                "polarization": self._fixed[1],
                 "attrs": self._attrs,
             }
         )
@@ -340,19 +337,18 @@ class RunWriter:
             finite = [np.isfinite(self._signal[k]).all(axis=-1) for k in range(len(scans))]
             valid = np.stack(finite)[..., None]
         probe = np.where(valid, np.complex64(1), np.complex64(np.nan))
+        frequency = self._fixed[0]
         run = make_run(
             probe,
-            self._frequency[:1],
-            self._polarization,
-            self._tx,
-            self._rx,
+            frequency[:1],
+            *self._fixed[1:],
             np.stack([scan.pose for scan in scans]),
             [scan.time for scan in scans],
         )
         # The array may have grown ahead, and hold a scan that append failed at.
         self._signal.resize((len(scans), *self._shape))
         for name in ("valid", "tx_position", "rx_position", "pose", "frequency", "time"):
-            values = self._frequency if name == "frequency" else run[name].values
+            values = frequency if name == "frequency" else run[name].values
             array = self._array(name, values.shape, values.shape, str(values.dtype))
             array[...] = values
 

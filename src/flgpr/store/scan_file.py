@@ -210,22 +210,15 @@ def parse_description(value: Any) -> RunDescription:
             )
         attrs = dict(value.get("attrs") or {})
         labels = [str(label) for label in value["polarization"]]
-        description = RunDescription(tones, labels, tx, rx, str(value.get("title", "run")), attrs)
-        check_frequency(description.frequency)
-        check_polarization(description.polarization)
-        probe = np.zeros((1, *description.shape[:2], 1), np.complex64)
-        make_run(
-            probe,
-            description.frequency[:1],
-            description.polarization,
-            description.tx_position,
-            description.rx_position,
-            np.zeros((1, 6)),
-        )
-        canonical_json(description.attrs)
+        title = str(value.get("title", "run"))
+        check_frequency(tones)
+        check_polarization(labels)
+        probe = np.zeros((1, *counts[:2], 1), np.complex64)
+        make_run(probe, tones[:1], labels, tx, rx, np.zeros((1, 6)))
+        canonical_json(attrs)
     except (ValueError, TypeError, OverflowError, RecursionError) as error:
         raise ScanFileError(f"run description: {error}") from None
-    return description
+    return RunDescription(tones, labels, tx, rx, title, attrs)
 
 
 def _check_bound(name: str, numbers: FloatArray, most: float) -> None:

@@ -183,13 +183,9 @@ def _unnamed_table(rows: list[_Row], columns: list[AnyArray | None]) -> AnyArray
     numeric = [column for column in columns if column is not None]
     if len(numeric) == len(columns):
         return np.stack(numeric, axis=1)
-    for row in rows:
-        for cell in row.cells:
-            if _number(cell) is None:
-                raise ValueError(
-                    f"line {row.number} must hold numbers, got {cell.strip()!r}; {_HINT}"
-                )
-    raise ValueError(f"every column must hold numbers; {_HINT}")
+    cells = ((row.number, cell) for row in rows for cell in row.cells)
+    line, text = next((line, cell) for line, cell in cells if _number(cell) is None)
+    raise ValueError(f"line {line} must hold numbers, got {text.strip()!r}; {_HINT}")
 
 
 def _named_columns(

@@ -499,8 +499,8 @@ class McapReader(Reader):
     def open_arrays(self, path: Path, limit: int) -> ArrayFile:
         """Open the fields of all topics as arrays over their messages."""
         recording = Recording(path, limit)
-        arrays, lines, notes = recording.arrays, recording.lines, recording.notes
-        return ArrayFile(path, self.kind, arrays, recording.read, limit, lines, notes)
+        lines, notes = recording.lines, recording.notes
+        return ArrayFile(path, self.kind, recording.arrays, recording.read, limit, lines, notes)
 
     def explain(self, path: Path, limit: int) -> Explanation:
         """Return the topics: the arrays are too many, and take too long, to read them all."""
