@@ -31,9 +31,9 @@ _DIGEST = re.compile(r"[0-9a-f]{64}")
 
 
 class WrittenScan(NamedTuple):
-    """A scan that is on disk."""
+    """A scan that is on disk, or waits for others to be written with it."""
 
-    sha256: str  #: digest of its chunk
+    sha256: str  #: digest of its chunk; empty while it waits
     pose: FloatArray  #: (6,): x, y, z, m, and heading, pitch, roll, rad
     time: float  #: s; NaN where unknown
     valid: BoolArray  #: (polarization, pair): whether all tones are finite

@@ -10,7 +10,7 @@ import shutil
 import tempfile
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -47,7 +47,7 @@ from flgpr.store.run_store import (
     RunStoreError,
     manifest_bytes,
 )
-from flgpr.types import ArrayLike, BoolArray, ComplexArray, FloatArray, floats
+from flgpr.types import ArrayLike, ComplexArray, floats
 
 GROUP = "zarr.json"
 """File that describes a group or an array of Zarr."""
@@ -55,15 +55,6 @@ _SCANS_PER_GROWTH = 64  # Zarr writes the array's description anew each time it 
 _WIDTH = np.dtype(np.complex64).itemsize
 _SMALL_SCAN = 4096  # bytes: a file takes at least so many on a disk, and smaller scans share one
 _PIECE = 65_536  # bytes of such a file
-
-
-class _Scan(NamedTuple):
-    """A scan that waits to be written with others."""
-
-    signal: ComplexArray
-    pose: FloatArray
-    time: float
-    valid: BoolArray
 
 
 class RunExistsError(FileExistsError):
@@ -145,7 +136,7 @@ class RunWriter:
     ) -> None:
         self.path = Path(path)
         self._together = together
-        self._waiting: list[_Scan] = []
+        self._waiting: list[tuple[ComplexArray, WrittenScan]] = []  # signals and what else
         self._limits = limits or {}
         labels = [str(label) for label in np.atleast_1d(np.asarray(polarization))]
         # What all scans share, as make_run takes it.
@@ -250,7 +241,7 @@ class RunWriter:
         checked_pose = check_poses(np.asarray(pose)[None], 1)[0]
         last = self._journal.scans[-1].time if len(self) else None
         if self._waiting:
-            last = self._waiting[-1].time
+            last = self._waiting[-1][1].time
         decreases = last is not None and time < last
         if math.isinf(time) or decreases:
             before = "" if last is None else f" after {last:g}"
@@ -258,8 +249,8 @@ class RunWriter:
                 "time must be finite, or NaN, and not decrease from scan to scan, "
                 f"got {time:g}{before}"
             )
-        scan = _Scan(block, checked_pose, float(time), measured_sweeps(block))
-        self._waiting.append(scan)
+        scan = WrittenScan("", checked_pose, float(time), measured_sweeps(block))
+        self._waiting.append((block, scan))
         if len(self._waiting) == self._together:
             try:
                 self._write_piece()
@@ -275,13 +266,12 @@ class RunWriter:
         if end > self._signal.shape[0]:
             growth = max(_SCANS_PER_GROWTH, self._together)
             self._signal.resize((count + growth, *self._shape))
-        self._signal[count:end] = np.stack([scan.signal for scan in waiting])
+        self._signal[count:end] = np.stack([signal for signal, _ in waiting])
         chunk = self._chunk(count)
         sync_file(chunk)
         digest = sha256(chunk.read_bytes())
-        for number, scan in enumerate(waiting, 1):
-            written = WrittenScan(digest, scan.pose, scan.time, scan.valid)
-            self._journal.append(written, settled=number == len(waiting))
+        for number, (_, scan) in enumerate(waiting, 1):
+            self._journal.append(scan._replace(sha256=digest), settled=number == len(waiting))
         self._waiting = []
 
     def commit(self) -> None:
