@@ -31,6 +31,7 @@ from flgpr.store.files import (
 from flgpr.store.journal import (
     JOURNAL,
     MADE_OF,
+    FixedParts,
     Journal,
     JournalError,
     OtherRunError,
@@ -139,20 +140,20 @@ class RunWriter:
         self._waiting: list[tuple[ComplexArray, WrittenScan]] = []  # signals and what else
         self._limits = limits or {}
         labels = [str(label) for label in np.atleast_1d(np.asarray(polarization))]
-        # What all scans share, as make_run takes it.
-        self._fixed = (floats(frequency), labels, floats(tx_position), floats(rx_position))
+        tones, tx, rx = map(floats, (frequency, tx_position, rx_position))
+        self._fixed = FixedParts(tones, labels, tx, rx)
         try:
             self._attrs = parse_json(canonical_json(attrs or {}))
         except (TypeError, ValueError) as error:
             raise ValueError(f"attrs must be writable as JSON: {error}") from None
-        self._shape = (len(labels), len(self._fixed[2]), self._fixed[0].size)
+        self._shape = (len(labels), len(tx), tones.size)
         # A broken rule is found here, not when the last scan is written.
         probe = np.broadcast_to(np.complex64(0), (1, *self._shape))
         make_run(probe, *self._fixed, np.zeros((1, 6)))
         self.keeps = resume
         self._committed = False
         self._partial = _partial_store(self.path)
-        self._about = describe_inputs(*self._fixed, self._attrs, inputs)
+        self._about = describe_inputs(self._fixed, self._attrs, inputs)
         self._check_free(overwrite)
         try:
             with writing(self.path):
@@ -294,7 +295,7 @@ class RunWriter:
             {
                 "format": FORMAT,
                 "version": VERSION,
-                "polarization": self._fixed[1],
+                "polarization": self._fixed.polarization,
                 "attrs": self._attrs,
             }
         )
@@ -327,7 +328,7 @@ class RunWriter:
             finite = [np.isfinite(self._signal[k]).all(axis=-1) for k in range(len(scans))]
             valid = np.stack(finite)[..., None]
         probe = np.where(valid, np.complex64(1), np.complex64(np.nan))
-        frequency = self._fixed[0]
+        frequency = self._fixed.frequency
         run = make_run(
             probe,
             frequency[:1],
@@ -469,7 +470,7 @@ def save_run(
         If another process writes the same store.
     """
     check_run(run)
-    fixed = (path, *_fixed_of(run), overwrite)
+    fixed = (path, *_fixed_of(run), _attrs_of(run), overwrite)
     size = _WIDTH * run["signal"][0].size
     together = _PIECE // size if share_files and size <= _SMALL_SCAN else 1
     try:
@@ -536,21 +537,23 @@ def is_stored(run: xr.Dataset, path: str | Path) -> bool:
     check_store_names(root)
     if not os.path.lexists(root):
         return False
-    different = difference_from_stored(root, describe_inputs(*_fixed_of(run), _digests(run)))
+    different = difference_from_stored(
+        root, describe_inputs(_fixed_of(run), _attrs_of(run), _digests(run))
+    )
     if different != "":
         raise RunExistsError(root, different)
     return True
 
 
-def _fixed_of(run: xr.Dataset) -> tuple[Any, list[str], Any, Any, dict[str, Any]]:
-    """Return what all scans of a run share, as the writer of a store takes it."""
-    return (
-        run["frequency"].values,
-        polarizations_of(run),
-        run["tx_position"].values,
-        run["rx_position"].values,
-        {str(key): value for key, value in run.attrs.items()},
-    )
+def _fixed_of(run: xr.Dataset) -> FixedParts:
+    """Return what all scans of a run share."""
+    frequency, tx, rx = (run[name].values for name in ("frequency", "tx_position", "rx_position"))
+    return FixedParts(frequency, polarizations_of(run), tx, rx)
+
+
+def _attrs_of(run: xr.Dataset) -> dict[str, Any]:
+    """Return the attributes of a run by their names as text."""
+    return {str(key): value for key, value in run.attrs.items()}
 
 
 def _digests(run: xr.Dataset) -> dict[str, Any]:
