@@ -14,12 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from flgpr.door import read_named
 from flgpr.formats.array_file import ArrayFile, from_memory
 from flgpr.formats.reader import Reader
 from flgpr.store.extras import optional
-from flgpr.store.store_layout import MAX_MEMORY
-from flgpr.store.text import decode_text
+from flgpr.store.text import read_text
 from flgpr.types import Notes
 
 _NOISE = 5  # numbers of a line of noise parameters
@@ -55,7 +53,7 @@ def touchstone_text(path: Path, notes: Notes) -> TouchstoneText:
     ValueError
         If the numbers make no whole number of tones, or the ending names no number of ports.
     """
-    text = decode_text(read_named(path, MAX_MEMORY), path.name, notes)
+    text = read_text(path, notes)
     keywords = {
         name.lower(): value
         for name, value in re.findall(r"^\s*\[(.*?)\][ \t]*(\S*)", text, re.MULTILINE)

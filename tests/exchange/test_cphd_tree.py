@@ -17,7 +17,6 @@ pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 
 NAMES = ["0_HH", "1_HH", "0_VV", "1_VV"]
 SCENE = Grid.spanning((-2.0, 2.0), (3.0, 9.0), 0.1)
-TIME = np.arange(4.0)
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +47,7 @@ def tree(small_run, anchor):
     small_run.attrs["title"] = "lane <1>"
     small_run["valid"][1, 0, 1] = False
     vectors = {name: vectors_of(4) for name in NAMES}
-    return metadata_tree(small_run, NAMES, vectors, anchor, SCENE, TIME)
+    return metadata_tree(small_run, vectors, anchor, SCENE)
 
 
 def texts(tree, path):

@@ -171,18 +171,18 @@ SIGNATURE = PassToRun("signature", "title of signature", True, [0, 1, 2])
 ALARMS = PassToRun("alarms", "title of alarms", False, [])
 
 
-def runner_of(executor, notes, labels):
+def runner_of(executor, notes, labels, label=""):
     def track(items, label, total):
         labels.append((label, total))
         return silent(items, label, total)
 
-    return PassRunner(executor, RunOptions(track=track, note=notes.append), threads=1)
+    return PassRunner(executor, RunOptions(track=track, note=notes.append), 1, label)
 
 
 def test_blocks_are_done_and_merged_pass_by_pass_and_all_is_reported(bare_job, work):
     executor, notes, labels = Noting(work), [], []
-    runner = runner_of(executor, notes, labels)
-    runner.run(bare_job, work, [SIGNATURE, ALARMS], "lane: ")
+    runner = runner_of(executor, notes, labels, "lane: ")
+    runner.run(bare_job, work, [SIGNATURE, ALARMS])
     assert executor.asked == [
         (do_block, "signature", 0),
         (do_block, "signature", 1),

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from flgpr.model import Grid, lane_to_scan, scan_to_lane, vehicle_to_lane, vehicle_to_scan
+from flgpr.model.frames import steps_of, wrapped
 
 
 def test_heading_turns_clockwise_from_down_track():
@@ -50,3 +51,8 @@ def test_grid_spans_its_limits():
 def test_bad_grids_are_refused(bad):
     with pytest.raises(ValueError, match=r"spacing|limits"):
         Grid.spanning(**({"x": (0, 1), "y": (0, 1), "spacing": 0.1} | bad))
+
+
+def test_angles_are_wrapped_to_half_a_turn_and_steps_are_level():
+    np.testing.assert_allclose(wrapped([1.5 * np.pi, 0.1]), [-0.5 * np.pi, 0.1], atol=1e-12)
+    assert steps_of(np.array([[0.0, 0.0, 9.0], [3.0, 4.0, 0.0]])).tolist() == [5.0]

@@ -3,7 +3,7 @@
 import pytest
 
 from flgpr.store import RunWriter, read_manifest
-from flgpr.store.journal import describe_inputs, difference_from_stored, read_limits
+from flgpr.store.journal import FixedParts, describe_inputs, difference_from_stored, read_limits
 from flgpr.store.run_writer import RunExistsError
 
 
@@ -43,7 +43,7 @@ def test_the_first_difference_is_named(small_run, fixed, tmp_path):
     labels = [str(label) for label in polarization]
 
     def difference(attrs, inputs):
-        about = describe_inputs(frequency, labels, tx, rx, attrs, inputs)
+        about = describe_inputs(FixedParts(frequency, labels, tx, rx), attrs, inputs)
         return difference_from_stored(path, about)
 
     assert difference({"site": "field"}, {"seed": 1}) == ""

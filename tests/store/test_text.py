@@ -4,7 +4,7 @@ import codecs
 
 import pytest
 
-from flgpr.store.text import decode_text
+from flgpr.store.text import decode_text, utc_text, zoned_time
 
 TEXT = "Länge;5\n"
 
@@ -29,3 +29,10 @@ def test_the_encoding_is_found_and_noted(data, encoding):
 def test_text_that_breaks_its_mark_is_refused():
     with pytest.raises(ValueError, match=r"a\.csv begins as UTF-16 and is none at byte 2"):
         decode_text(codecs.BOM_UTF16_LE + b"\x00\xd8\x00", "a.csv")
+
+
+def test_a_time_has_a_zone_or_is_none_and_is_written_in_utc():
+    assert zoned_time("2026-05-04T09:30:00") is None
+    assert zoned_time("noon") is None
+    assert zoned_time(5) is None
+    assert utc_text(zoned_time("2026-05-04T09:30:00+02:00")) == "2026-05-04T07:30:00.000000Z"

@@ -239,6 +239,7 @@ def detect(
     from flgpr.jobs.driver import detect_lane
     from flgpr.jobs.job import LaneJob, make_job
     from flgpr.jobs.survey import detect_survey, lane_names
+    from flgpr.method.unlike import Trust
     from flgpr.recipe.make import recipe_or_fitted, with_earlier
     from flgpr.results.result import Survey
     from flgpr.stages.earlier import before_names
@@ -265,8 +266,7 @@ def detect(
             model=model,
             others=beside,
             options=options,
-            unlike=unlike,
-            far=far,
+            trust=Trust(unlike, far),
         )
 
     earlier = one_or_more(before)

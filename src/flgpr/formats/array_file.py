@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from flgpr.model.printable import in_one_line
 from flgpr.store.extras import MissingExtraError
 from flgpr.store.store_layout import MAX_MEMORY
 from flgpr.types import AnyArray, Arrays
@@ -100,8 +101,7 @@ def faults_of_parser(
     except Exception as error:
         if isinstance(error, (MissingExtraError, *passed)):
             raise
-        message = " ".join(str(error).split())[:240] or type(error).__name__
-        raise ValueError(f"{path}: cannot be read as {what}: {message}") from None
+        raise ValueError(f"{path}: cannot be read as {what}: {in_one_line(error, 240)}") from None
 
 
 Opened = tuple[dict[str, ArrayInfo], Callable[[str], Any]]

@@ -101,7 +101,10 @@ def probe_hdf5(path: str) -> None:
             except Exception as error:
                 # A damaged text may claim any size, and whoever reads it takes as much memory.
                 if isinstance(error, MemoryError) or "memory allocation" in str(error):
-                    raise SystemExit(_too_large(item.name, name)) from None
+                    raise SystemExit(
+                        f"attribute {name!r} of {item.name!r} claims more memory than "
+                        f"{_MOST_PROBED_BYTES / 2**30:g} GiB: it is damaged"
+                    ) from None
 
     def visit(name: str, item: Any) -> None:
         read_attributes(item)
@@ -143,12 +146,6 @@ def _bound_memory(most: int) -> None:
     except (ValueError, OSError):
         if sys.platform != "darwin":
             raise
-
-
-def _too_large(item: str, name: str) -> str:
-    """Return the message on an attribute that claims too much memory."""
-    most = f"{_MOST_PROBED_BYTES / 2**30:g} GiB"
-    return f"attribute {name!r} of {item!r} claims more memory than {most}: it is damaged"
 
 
 def unpack(path: str, limit: int, spare: int) -> None:

@@ -26,6 +26,7 @@ from flgpr.formats.mapping import (
 from flgpr.formats.poses import read_poses, read_track_table
 from flgpr.formats.sources import Sources, plausible
 from flgpr.model import SPEED_OF_LIGHT, check_frequency, make_run
+from flgpr.model.constants import DIMS
 from flgpr.model.faults import faults_of
 from flgpr.model.frames import rigid_array
 from flgpr.model.phase import lengthen
@@ -36,7 +37,7 @@ from flgpr.types import AnyArray, ArrayLike, Entries, FloatArray, floats
 if TYPE_CHECKING:
     from flgpr.geo.anchor import Anchor
 
-_ORDER = ("scan", "polarization", "pair", "frequency")
+_ORDER = DIMS["signal"]
 _FILE_ORDER = ("scan", "polarization", "pair", "tx", "rx", "frequency")
 """Order of the axes before those of transmitters and receivers become pairs."""
 _HIGHEST_FREQUENCY = 1e12

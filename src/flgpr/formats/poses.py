@@ -18,9 +18,10 @@ from flgpr.formats.mapping import (
     TrackTable,
     factor,
 )
-from flgpr.formats.sources import Sources, real
+from flgpr.formats.sources import Sources
 from flgpr.geo.track_anchor import anchor_from_fixes
 from flgpr.model import POSE_COMPONENTS
+from flgpr.model.frames import wrapped
 from flgpr.model.track import bridged, course, make_track, reference_track
 from flgpr.types import FloatArray
 
@@ -161,8 +162,7 @@ class _PlaceReader:
                 self.sources.notes += notes
             pose[:, :3] = _in_the_lane(fixes, spec.geodetic, entry, anchor)
             # Headings of a geodetic table are clockwise from true north.
-            heading_in_lane = pose[:, 3] - anchor.azimuth
-            pose[:, 3] = np.angle(np.exp(1j * heading_in_lane))
+            pose[:, 3] = wrapped(pose[:, 3] - anchor.azimuth)
         return pose
 
     def _component(self, entry: EntryValue, file: str, where: str) -> FloatArray:
@@ -195,7 +195,7 @@ class _PlaceReader:
         with self.sources.entry(where, spec.file):
             if spec.variable is not None:
                 blocks = self.sources.arrays(spec.file, spec.variable, where)
-                rotations = real(self.sources.assembled(blocks, self.along, where), where)
+                rotations = self.sources.assembled(blocks, self.along, where)
                 rotations = rotations.reshape(-1, rotations.shape[-1])
             else:
                 components = [

@@ -81,8 +81,8 @@ class Sources:
             blocks.append(values)
         return blocks
 
-    def assembled(self, blocks: list[AnyArray], along: str, where: str) -> AnyArray:
-        """Return the values of several files as one array.
+    def assembled(self, blocks: list[AnyArray], along: str, where: str) -> FloatArray:
+        """Return the real numbers of several files as one array.
 
         Those along the joined dimension follow one another. Fixes of a track ("fix") follow one
         another unless every file holds them all. All others must be the same in all files.
@@ -93,10 +93,10 @@ class Sources:
         is_split_track = along == "fix" and not are_equal
         if len(blocks) > 1 and (is_joined or is_split_track):
             with self.entry(where, None):
-                return np.concatenate([np.atleast_1d(block) for block in blocks])
-        if not are_equal:
+                first = np.concatenate([np.atleast_1d(block) for block in blocks])
+        elif not are_equal:
             raise ValueError(f"{where} must be the same in all {len(blocks)} files, it is not")
-        return first
+        return real(first, where)
 
     def vector(
         self, spec: Quantity, kind: str, where: str, along: str = "", count: int | None = None
@@ -206,7 +206,7 @@ class Sources:
                     f"{where}.column must be a column of the variable, "
                     f"got {column} for shape {values.shape}"
                 )
-        return real(self.assembled(blocks, along, where), where)
+        return self.assembled(blocks, along, where)
 
     def _on_grid(self, values: FloatArray, axis: int | None, where: str) -> FloatArray:
         """Lay values out over the raster of scans.
@@ -297,7 +297,7 @@ class Sources:
                 sizes = ", ".join(str(side.size) for side in sides)
                 raise ValueError(f"{where} must have as many x as y and z, got {sizes}") from None
         blocks = self.arrays(spec.file, spec.variable, where)
-        points = real(self.assembled(blocks, along, where), where)
+        points = self.assembled(blocks, along, where)
         has_three_rows = points.ndim == 2 and points.shape[0] == 3
         if has_three_rows and points.shape[1] not in (2, 3, 6):
             points = points.T  # a column per position, as is the custom in MATLAB

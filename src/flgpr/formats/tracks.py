@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from flgpr.door import read_named
 from flgpr.formats.nmea import (
     HEADINGS,
     Position,
@@ -25,10 +24,10 @@ from flgpr.formats.reader import reader_of
 from flgpr.geo.anchor import Anchor
 from flgpr.geo.track_anchor import is_astray
 from flgpr.model.faults import faults_of
+from flgpr.model.frames import wrapped
 from flgpr.model.track import TRACK_COLUMNS, bridged, course, make_track
 from flgpr.store.files import existing
-from flgpr.store.store_layout import MAX_MEMORY
-from flgpr.store.text import decode_text
+from flgpr.store.text import read_text
 from flgpr.store.text_tables import read_text_table
 from flgpr.types import AnyArray, FloatArray, Notes, floats
 
@@ -185,7 +184,7 @@ def _poses_by_marks(columns: Mapping[str, AnyArray]) -> FloatArray:
     # Seen from above: the line before the heading turns it, and as it was surveyed.
     aside = np.arctan2(np.sin(pitch) * np.sin(roll), np.cos(roll))
     direction = np.arctan2(apart[:, 1], apart[:, 0])
-    heading = np.angle(np.exp(1j * (aside - direction)))
+    heading = wrapped(aside - direction)
     return np.column_stack([(left + right) / 2, heading, pitch, roll])
 
 
@@ -245,12 +244,12 @@ def read_nmea(
         if log.headings:
             stamp, angle = _in_order(log.headings, notes)
             in_lane = np.interp(time, stamp, np.unwrap(angle)) - anchor.azimuth
-            heading = floats(np.angle(np.exp(1j * in_lane)))
+            heading = wrapped(in_lane)
         else:
             # One fix that lies aside must not turn the way beside it.
             on_way = ~is_astray(position)
             of_way = np.unwrap(course(position[on_way]))
-            heading = floats(np.angle(np.exp(1j * np.interp(time, time[on_way], of_way))))
+            heading = wrapped(np.interp(time, time[on_way], of_way))
         track = make_track(time, position, heading)
 
     total = sum(log.qualities.values())
@@ -272,7 +271,7 @@ def read_nmea(
 
 def _read_log(path: Path, quality: tuple[int, ...], notes: Notes) -> _NmeaLog:
     """Read the GGA of some qualities and the headings of a log; count what is not used."""
-    text = decode_text(read_named(path, MAX_MEMORY), path.name, notes)
+    text = read_text(path, notes)
     counts = SentenceCounts()
     fixes: list[tuple[float, Position]] = []
     qualities: Counter[int] = Counter()

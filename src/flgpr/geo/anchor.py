@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, model_validator
 
 from flgpr.door import read_named
 from flgpr.geo.geodesy import (
@@ -23,7 +23,7 @@ from flgpr.geo.geodesy import (
     transformer_of,
 )
 from flgpr.model.bounds import NotNegative, Positive
-from flgpr.model.faults import faults_of, first_fault
+from flgpr.model.faults import faults_of, first_fault_of
 from flgpr.model.frames import heading_matrix
 from flgpr.store.files import existing
 from flgpr.toml_text import parse_toml
@@ -356,12 +356,9 @@ def read_anchor(path: str | Path) -> Anchor:
     path = existing(path, "anchor file")
     with faults_of(path):
         entries = parse_toml(read_named(path))
-    try:
-        return _fit_file(_AnchorFile.model_validate(entries))
-    except ValidationError as error:
-        raise ValueError(f"{path}: {first_fault(error, _AnchorFile)}") from None
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+        with first_fault_of(_AnchorFile):
+            file = _AnchorFile.model_validate(entries)
+        return _fit_file(file)
 
 
 def _fit_file(entries: _AnchorFile) -> Anchor:
@@ -439,7 +436,9 @@ def fit_anchor(
     local = floats(lane)
     surveyed = floats(position)
     _check_points(local, surveyed, accuracy)
-    heights_known = _all_known(height)
+    heights_known = height is not None and all(
+        value is not None and math.isfinite(value) for value in height
+    )
     up = np.array(height, dtype=np.float64) if heights_known else np.zeros(len(local))
     lonlat, crs_accuracy = to_wgs84(system, surveyed)
     origin = (_mean_longitude(lonlat[:, 0]), float(lonlat[:, 1].mean()), float(up.mean()))
@@ -505,13 +504,6 @@ def _check_misfit(misfit: FloatArray, accuracy: float) -> None:
             f"{accuracy:g} m, point {worst + 1} is off by {misfit[worst]:.3g} m: "
             "are two points swapped, or x and y?"
         )
-
-
-def _all_known(height: Sequence[float | None] | None) -> bool:
-    """Return whether every point has a finite height."""
-    if height is None:
-        return False
-    return all(value is not None and math.isfinite(value) for value in height)
 
 
 def _direction(lane: FloatArray, enu: FloatArray) -> tuple[float, float]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from flgpr.geo.anchor import own_anchor
 from flgpr.geo.geodesy import transform_lonlat
+from flgpr.model.printable import in_one_line
 from flgpr.store.extras import optional
 from flgpr.store.files import existing
 from flgpr.types import FloatArray
@@ -72,9 +73,7 @@ def map_backdrop(
                 points = transform_lonlat(points, source.crs.to_wkt())
             image = _sample(source, points)
     except (rasterio.errors.RasterioError, ValueError) as error:
-        # GDAL's messages may run over several lines and quote the file at length.
-        reason = " ".join(str(error).split())
-        raise ValueError(f"map {file}: {reason[:_LONGEST_REASON]}") from None
+        raise ValueError(f"map {file}: {in_one_line(error, _LONGEST_REASON)}") from None
     return _png_bytes(image)
 
 

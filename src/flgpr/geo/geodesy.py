@@ -246,15 +246,6 @@ def _note_area(system: CRS, lonlat: FloatArray) -> None:
         )
 
 
-def _note_axes(system: CRS, along: tuple[str, str]) -> None:
-    """Log a note if the axes of a system point elsewhere than to east and north."""
-    if along != ("east", "north"):
-        log_note(
-            f"the axes of {system.to_string()} point to {along[0]} and {along[1]}: easting and "
-            "northing are read as it counts them, or as negative ones where that lies in its area"
-        )
-
-
 def to_wgs84(system: CRS, points: FloatArray) -> tuple[FloatArray, float]:
     """Return longitude and latitude of points, and the stated accuracy of this.
 
@@ -304,7 +295,11 @@ def to_wgs84(system: CRS, points: FloatArray) -> tuple[FloatArray, float]:
             f"anchor points must lie where {system.to_string()} holds{reason}"
         ) from None
     lonlat = min(found, key=lambda one: _degrees_outside(system, one))
-    _note_axes(system, along)
+    if len(candidates) > 1:
+        log_note(
+            f"the axes of {system.to_string()} point to {along[0]} and {along[1]}: easting and "
+            "northing are read as it counts them, or as negative ones where that lies in its area"
+        )
     _note_area(system, lonlat)
     accuracy = transformer.accuracy
     if accuracy is None or accuracy < 0:

@@ -8,6 +8,7 @@ import numpy as np
 
 from flgpr.geo.anchor import Anchor, anchor_at
 from flgpr.model.bounds import LARGEST
+from flgpr.model.frames import steps_of
 from flgpr.model.motion import judge_poses
 from flgpr.model.plausible import MotionLimits
 from flgpr.types import ArrayLike, BoolArray, FloatArray, floats
@@ -114,7 +115,7 @@ def is_astray(position: FloatArray) -> BoolArray:
     astray = np.zeros(len(place), bool)
     if len(place) < _LEAST_JUDGED:
         return astray
-    step = np.hypot(*np.diff(place, axis=0).T)
+    step = steps_of(place)
     past = np.hypot(*(place[2:] - place[:-2]).T)
     usual = float(np.median(step))
     least = np.minimum(step[:-1], step[1:])

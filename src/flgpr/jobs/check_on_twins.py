@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -102,7 +102,7 @@ def plan_twins(
         If the recipe has no such map, the tones lie on no even raster, or no lane is long enough to
         hold a mine.
     """
-    settings: Any = None if recipe.map is None else recipe.map.settings
+    settings = recipe.map_settings
     if not hasattr(settings, "antennas"):
         raise ValueError(f"recipe must have a map of simulated signatures, got {recipe.name}")
     run = plausible_run(run)
@@ -301,5 +301,4 @@ def check_model(folder: Path, run: xr.Dataset, recipe: Recipe, model: Model, tra
 
 def is_fitted(recipe: Recipe) -> bool:
     """Return whether a recipe simulates the signatures of the run's own array."""
-    settings = None if recipe.map is None else recipe.map.settings
-    return getattr(settings, "sensor", "") == OWN_ARRAY
+    return getattr(recipe.map_settings, "sensor", "") == OWN_ARRAY

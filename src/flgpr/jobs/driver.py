@@ -209,9 +209,7 @@ class PassRunner:
     threads: int  #: of a process that may take blocks at once
     label: str = ""  #: stands before all that progress is shown of, such as the name of a lane
 
-    def run(
-        self, job: LaneJob, work: Checkpoint, passes: Sequence[PassToRun], label: str = ""
-    ) -> None:
+    def run(self, job: LaneJob, work: Checkpoint, passes: Sequence[PassToRun]) -> None:
         """Do the passes that the work folder lacks, one after the other.
 
         Parameters
@@ -222,22 +220,20 @@ class PassRunner:
             Its work folder.
         passes : sequence of PassToRun
             The passes in their order.
-        label : str
-            What stands before the titles of the passes where progress is shown.
         """
         cache = PassCache(job)
         for planned in passes:
             if planned.name not in work:
-                self._run_pass(job, work, cache, planned, label)
+                self._run_pass(job, work, cache, planned)
 
-    def finish(self, job: LaneJob, label: str = "") -> None:
+    def finish(self, job: LaneJob) -> None:
         """Write the result folder of a job whose passes are done."""
         done = self.executor.run(do_finish, [(job,)])
-        for report in self.options.track(done, f"{self.label}{label}writing the result", 1):
+        for report in self.options.track(done, f"{self.label}writing the result", 1):
             self.options.note(report)
 
     def _run_pass(
-        self, job: LaneJob, work: Checkpoint, cache: PassCache, planned: PassToRun, label: str
+        self, job: LaneJob, work: Checkpoint, cache: PassCache, planned: PassToRun
     ) -> None:
         """Do one pass: its blocks and then their merge, unless another recipe left its result."""
         shared_name = cache.name_of(planned.name, planned.cache_key())
@@ -246,23 +242,21 @@ class PassRunner:
             if cost is not None:
                 self.options.note(cost)
                 return
-        reports = self._gather(job, work, planned, label)
+        reports = self._gather(job, work, planned)
         for report in self.executor.run(do_merge, [(job, planned.name, tuple(planned.numbers))]):
             self.options.note(report)
             reports.append(report)
         if shared_name is not None:
             cache.leave(shared_name, work, planned.name, reports)
 
-    def _gather(
-        self, job: LaneJob, work: Checkpoint, planned: PassToRun, label: str
-    ) -> list[Report]:
+    def _gather(self, job: LaneJob, work: Checkpoint, planned: PassToRun) -> list[Report]:
         """Do the blocks of a pass that the work folder lacks."""
         missing = work.missing_blocks(planned.name, planned.numbers)
         pieces = [(job, planned.name, number) for number in missing]
         reports: list[Report] = []
         if not pieces:
             return reports
-        title = f"{self.label}{label}{planned.title}"
+        title = f"{self.label}{planned.title}"
         with closing(self.executor.run(do_block, pieces, self.threads)) as done:
             for report in self.options.track(done, title, len(pieces)):
                 self.options.note(report)
@@ -310,8 +304,9 @@ def run_sections(job: LaneJob, plan: LanePlan, runner: PassRunner) -> None:
             threshold = _find_threshold(plan.lane, section_jobs, runner)
             shared["threshold"] = {"threshold": np.array(threshold)}
         threshold = float(shared["threshold"]["threshold"])
-        for section_job in section_jobs:
-            _finish_section(plan.lane, section_job, threshold, runner)
+        for section_job, section in zip(section_jobs, plan.sections, strict=True):
+            known = replace(section, threshold=threshold)
+            _finish_section(plan.lane, replace(section_job, section=known), runner)
         join_results(gathering, names, Lane(*job.lane), job.lasting_identity)
         replace_folder(gathering, job.folder)
 
@@ -335,11 +330,11 @@ def _find_threshold(lane: ImagedRun, section_jobs: Sequence[LaneJob], runner: Pa
     tables = []
     pixels_seen = 0
     for job in section_jobs:
-        label = f"{job.name}: "
+        of_section = replace(runner, label=f"{runner.label}{job.name}: ")
         with begin_work(job) as work:
             passes = passes_to_run(job, _section_of(lane, job, work))
             until_alarms = [item for item in passes if item.name in ("view", "alarms")]
-            runner.run(job, work, until_alarms, label)
+            of_section.run(job, work, until_alarms)
             raised = work["alarms"]
             tables.append(array_table(group_of(raised, "maximum")))
             pixels_seen += int(raised["seen"])
@@ -347,19 +342,16 @@ def _find_threshold(lane: ImagedRun, section_jobs: Sequence[LaneJob], runner: Pa
     return lane_threshold(lane.recipe, lane.lane, maxima, pixels_seen)
 
 
-def _finish_section(lane: ImagedRun, job: LaneJob, threshold: float, runner: PassRunner) -> None:
+def _finish_section(lane: ImagedRun, job: LaneJob, runner: PassRunner) -> None:
     """Do the rest of a section and write its result, unless that is done."""
-    if job.section is None:
-        raise ValueError("job must have a section, got the whole lane")
-    job = replace(job, section=replace(job.section, threshold=threshold))
     if is_done(job):
         return
-    label = f"{job.name}: "
+    runner = replace(runner, label=f"{runner.label}{job.name}: ")
     with work_until_done(job) as work:
         passes = passes_to_run(job, _section_of(lane, job, work))
         own_passes = [item for item in passes if not item.all_scans]
-        runner.run(job, work, own_passes, label)
-        runner.finish(job, label)
+        runner.run(job, work, own_passes)
+        runner.finish(job)
 
 
 def _prepare(gathering: Path, names: Sequence[str]) -> None:

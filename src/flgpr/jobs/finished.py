@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Mapping, Sequence
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
@@ -120,9 +121,9 @@ def _is_result_of(job: LaneJob, manifest: Mapping[str, Any]) -> bool:
         manifest["run"].get("store_sha256") == job.store_sha256
         and manifest["recipe_sha256"] == identity["recipe"]
         and others == identity["others"]
-        and (lane.x_min, lane.x_max, lane.y_min, lane.y_max) == job.lane
+        and astuple(lane) == job.lane
         and section.get("rows") == identity["rows"]
         and manifest["files"].get(f"{MODEL}/{MODEL_FILE}", "") == job.model_sha256
-        and manifest["run"].get("unlike", {}).get("choice", job.unlike) == job.unlike
-        and manifest["run"].get("far", {}).get("rate") == job.far
+        and manifest["run"].get("unlike", {}).get("choice", job.trust.unlike) == job.trust.unlike
+        and manifest["run"].get("far", {}).get("rate") == job.trust.far
     )

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
@@ -39,6 +39,8 @@ from flgpr.types import PathLike
 
 WORK_SUFFIX = ".work"
 """Ending of the work folder beside an output."""
+USUAL = Trust()
+"""What is asked of a detection where a user asks for nothing else."""
 _LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pandas")
 
 
@@ -66,20 +68,11 @@ class LaneJob:
     lane_source: str = ""  #: where the lane's borders come from; "" is the recipe or the run
     #: folder of passes that jobs of other recipes share (``jobs/checkpoint.py``); "" for none
     pass_cache: str = ""
-    #: what is done on ground that is unlike the training: "fallback", "keep" or "refuse"
-    unlike: str = "fallback"
-    far: float | None = None  #: false alarms per m² that a threshold is wanted for
-    #: whether the passes end with what is compared with the training lanes
-    only_measures: bool = False
+    trust: Trust = USUAL  #: what is asked of the detection about how far it can be trusted
     #: what is wrong with the runs and what of the first is left out; by default nothing
     health: Health = HEALTHY
     #: what is left out of every run taken together with it; () for nothing
     left_out_of_others: tuple[LeftOut, ...] = ()
-
-    @property
-    def trust(self) -> Trust:
-        """What is asked of the detection about how far it can be trusted."""
-        return Trust(self.unlike, self.far, self.only_measures)
 
     @property
     def left_out(self) -> LeftOut:
@@ -130,8 +123,8 @@ class LaneJob:
             "others": {name: digest for name, _, digest in self.others},
             "truth": self.truth[1],
             "explains": self.explains,
-            "unlike": self.unlike,
-            "far": self.far,
+            "unlike": self.trust.unlike,
+            "far": self.trust.far,
         }
         if self.left_out:
             entries["left_out"] = [list(self.left_out.pairs), list(self.left_out.tones)]
@@ -148,10 +141,10 @@ class LaneJob:
         identity = self.identity
         names = ("run", "recipe", "lane", "model", "others", "left_out", "left_out_of_others")
         lasting = {name: identity[name] for name in names if name in identity}
-        if self.unlike != "fallback":
-            lasting["unlike"] = self.unlike
-        if self.far is not None:
-            lasting["far"] = self.far
+        if self.trust.unlike != "fallback":
+            lasting["unlike"] = self.trust.unlike
+        if self.trust.far is not None:
+            lasting["far"] = self.trust.far
         return lasting
 
 
@@ -199,8 +192,7 @@ def make_job(
     others: Mapping[str, PathLike] | None = None,
     truth: PathLike | None = None,
     options: RunOptions = DEFAULTS,
-    unlike: str = "fallback",
-    far: float | None = None,
+    trust: Trust = USUAL,
 ) -> LaneJob:
     """Check that a recipe fits a stored run, and describe the detection as plain values.
 
@@ -225,10 +217,8 @@ def make_job(
         File of a training lane's targets.
     options : RunOptions
         Memory of a process, and the folder of passes that jobs of other recipes share.
-    unlike : {"fallback", "keep", "refuse"}
-        What is done on ground that is unlike that of the model's training lanes.
-    far : float, optional
-        False alarms per m² that a threshold is wanted for.
+    trust : Trust
+        What is asked of the detection about how far it can be trusted.
 
     Returns
     -------
@@ -240,7 +230,6 @@ def make_job(
     ValueError
         If the recipe does not fit the run, or a run, the lane or the model is not valid.
     """
-    Trust(unlike, far)  # refuses what it cannot be
     parsed = parse_recipe(recipe)
     borders, lane_source = choose_lane(run, lane, parsed)
     stored = open_run(run, options.max_memory)
@@ -261,7 +250,7 @@ def make_job(
     return LaneJob(
         run=absolute(run),
         recipe=recipe,
-        lane=(area.x_min, area.x_max, area.y_min, area.y_max),
+        lane=astuple(area),
         model=None if model is None else absolute(model),
         output=absolute(output),
         report=report,
@@ -274,8 +263,7 @@ def make_job(
         truth=truth_and_digest,
         lane_source=lane_source,
         pass_cache="" if options.pass_cache is None else absolute(options.pass_cache),
-        unlike=unlike,
-        far=far,
+        trust=trust,
         health=health,
         left_out_of_others=tuple(left_out_of_others) if any(left_out_of_others) else (),
     )

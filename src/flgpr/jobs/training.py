@@ -441,7 +441,7 @@ class _Training:
                 model_sha256="" if learnt is None else model_digest(learnt),
                 truth=lane.job.truth if truth else ("", ""),
                 pass_cache="" if cache is None else absolute(cache),
-                only_measures=only_measures,
+                trust=replace(lane.job.trust, only_measures=only_measures),
             )
             label = f"{lane.name}: "
             with passes_of_lane(job, self._executor, options, label) as setup:

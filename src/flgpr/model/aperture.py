@@ -44,7 +44,11 @@ def way_weights(position: ArrayLike) -> FloatArray:
 
     The mean is one.
     """
-    share = way_shares(position)
+    return _over_mean(way_shares(position))
+
+
+def _over_mean(share: FloatArray) -> FloatArray:
+    """Return shares over their mean; ones where all are zero."""
     return share / share.mean() if share.sum() > 0 else np.ones(share.size)
 
 
@@ -121,8 +125,7 @@ def _half_steps(to_next: FloatArray, from_last: FloatArray) -> FloatArray:
 
 def half_steps(step: FloatArray) -> FloatArray:
     """Return half of both steps around each of their ends, over the mean; ones without a step."""
-    share = _half_steps(step, step)
-    return share / share.mean() if share.sum() > 0 else np.ones(share.size)
+    return _over_mean(_half_steps(step, step))
 
 
 def aperture_pose(run: xr.Dataset) -> FloatArray:

@@ -13,13 +13,13 @@ from pydantic import BaseModel, ValidationError
 
 from flgpr.door import read_named
 from flgpr.model.bounds import shown_number
+from flgpr.model.printable import shortened
 from flgpr.toml_text import parse_toml
 
 # Names that pydantic inserts into a location where an entry may be of several types.
 _TYPE_NAMES = ("float", "str", "Variable")
 MOST_FAULTS = 20
 """Faults of a file that are told, at most."""
-_LONGEST_SHOWN = 100  # characters of a name or a text that a message shows
 _LONGEST_MESSAGE = 4000  # characters of a message, which may hold the faults of a table within
 SchemaT = TypeVar("SchemaT", bound=BaseModel)
 
@@ -53,6 +53,15 @@ def parse_entries(
         return schema.model_validate(tables)
     except ValidationError as error:
         raise ValueError(f"{what}: {first_fault(error, schema, file_name)}") from None
+
+
+@contextmanager
+def first_fault_of(schema: type[BaseModel], file_name: str = "") -> Iterator[None]:
+    """Turn the faults of a validation into a ValueError of the first, see :func:`first_fault`."""
+    try:
+        yield
+    except ValidationError as error:
+        raise ValueError(first_fault(error, schema, file_name)) from None
 
 
 @contextmanager
@@ -95,7 +104,7 @@ def describe_fault(fault: Any, schema: type[BaseModel], file_name: str) -> str:
     A fault of no entry is one of the whole file, called ``file_name``.
     """
     path = tuple(step for step in fault["loc"] if step not in _TYPE_NAMES)
-    where = ".".join(_shortened(str(step)) for step in path) or file_name
+    where = ".".join(shortened(str(step)) for step in path) or file_name
     rule = _rule(fault, schema, path)
     return f"{where}: {rule}" if where else rule
 
@@ -123,14 +132,9 @@ def _rule(fault: Any, schema: type[BaseModel], path: tuple[str | int, ...]) -> s
         return "no such entry" + (f"; there are {', '.join(known)}" if known else "")
     if isinstance(fault["input"], str | int | float) and "got " not in message:
         value = fault["input"]
-        shown = repr(_shortened(value)) if isinstance(value, str) else shown_number(value)
+        shown = repr(shortened(value)) if isinstance(value, str) else shown_number(value)
         return f"{message[0].lower()}{message[1:]}, got {shown}"
-    return _shortened(message, _LONGEST_MESSAGE)
-
-
-def _shortened(text: str, most: int = _LONGEST_SHOWN) -> str:
-    """Return the beginning of a text that may come from anybody."""
-    return text if len(text) <= most else f"{text[:most]}..."
+    return shortened(message, _LONGEST_MESSAGE)
 
 
 def _models_at(schema: type[BaseModel], path: tuple[str | int, ...]) -> list[type[BaseModel]]:

@@ -106,6 +106,16 @@ def attitude_angles(rotation: ArrayLike) -> FloatArray:
     return np.stack([heading, np.arcsin(sine_of_pitch), roll], axis=-1)
 
 
+def wrapped(angle: ArrayLike) -> FloatArray:
+    """Return angles, rad, within half a turn to either side of zero."""
+    return floats(np.angle(np.exp(1j * floats(angle))))
+
+
+def steps_of(places: FloatArray) -> FloatArray:
+    """Return how far each of some places (place, 2 or more) is from the one before, in x and y."""
+    return floats(np.hypot(*np.diff(places[:, :2], axis=0).T))
+
+
 def ground_points(table: pd.DataFrame) -> FloatArray:
     """Return the points (n, 3) on the mean ground, m, of a table with ``x`` and ``y``."""
     points = np.zeros((len(table), 3))

@@ -18,6 +18,7 @@ from pydantic import Field
 from typing_extensions import TypedDict
 
 from flgpr.model.bounds import AtLeastOne, Entries, Largest
+from flgpr.model.frames import wrapped
 from flgpr.types import ArrayLike, FloatArray, floats
 
 REMEMBERED = 8
@@ -151,7 +152,7 @@ def moved(before: ArrayLike, after: ArrayLike) -> dict[str, FloatArray]:
     They are across the ground and in height, m, in heading and in attitude, rad.
     """
     step = floats(after) - floats(before)
-    angles = np.abs(np.angle(np.exp(1j * step[..., 3:])))
+    angles = np.abs(wrapped(step[..., 3:]))
     return {
         "speed": np.hypot(step[..., 0], step[..., 1]),
         "climb": np.abs(step[..., 2]),

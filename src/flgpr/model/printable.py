@@ -53,3 +53,16 @@ def text_bytes(text: str) -> bytes:
         The text, with escapes such as ``\udcff``.
     """
     return text.encode("utf-8", "backslashreplace")
+
+
+def in_one_line(error: Exception, most: int | None = None) -> str:
+    """Return the message of an error in one line of ``most`` characters, or its name without one.
+
+    Messages of other people's libraries may run over several lines and quote a file at length.
+    """
+    return " ".join(str(error).split())[:most] or type(error).__name__
+
+
+def shortened(text: str, most: int = 100) -> str:
+    """Return the beginning of a text that may come from anybody, for a message."""
+    return text if len(text) <= most else f"{text[:most]}..."

@@ -22,7 +22,7 @@ from typing import Any, TypeVar
 import numpy as np
 import xarray as xr
 
-from flgpr.model.constants import AXES, POLARIZATIONS, POSE_COMPONENTS, VARIABLE_ATTRS
+from flgpr.model.constants import AXES, DIMS, POLARIZATIONS, POSE_COMPONENTS, VARIABLE_ATTRS
 from flgpr.types import AnyArray, ArrayLike, BoolArray, ComplexArray, FloatArray, IndexArray, floats
 
 # Hz; smaller numbers are in another unit, for no ground-penetrating radar works there
@@ -98,11 +98,11 @@ def make_run(
         raise ValueError("signal must hold at least one sweep of finite values, got none")
     run = xr.Dataset(
         data_vars={
-            "signal": (("scan", "polarization", "pair", "frequency"), data),
-            "valid": (("scan", "polarization", "pair"), valid),
-            "tx_position": (("pair", "axis"), _positions(tx_position, "tx_position", pairs)),
-            "rx_position": (("pair", "axis"), _positions(rx_position, "rx_position", pairs)),
-            "pose": (("scan", "component"), check_poses(pose, scans)),
+            "signal": (DIMS["signal"], data),
+            "valid": (DIMS["valid"], valid),
+            "tx_position": (DIMS["tx_position"], _positions(tx_position, "tx_position", pairs)),
+            "rx_position": (DIMS["rx_position"], _positions(rx_position, "rx_position", pairs)),
+            "pose": (DIMS["pose"], check_poses(pose, scans)),
         },
         coords={
             "frequency": ("frequency", check_frequency(frequency, tones)),
@@ -194,22 +194,13 @@ def check_run(run: xr.Dataset) -> xr.Dataset:
 
     A variable or dimension that is missing or holds values a run may not hold is a ValueError.
     """
-    needed = (
-        "signal",
-        "valid",
-        "tx_position",
-        "rx_position",
-        "pose",
-        "frequency",
-        "polarization",
-        "time",
-    )
-    missing = [name for name in needed if name not in run.variables]
+    missing = [name for name in VARIABLE_ATTRS if name not in run.variables]
     if missing:
         raise ValueError(
-            f"run must hold the variables {', '.join(needed)}; missing: {', '.join(missing)}"
+            f"run must hold the variables {', '.join(VARIABLE_ATTRS)}; "
+            f"missing: {', '.join(missing)}"
         )
-    order = ("scan", "polarization", "pair", "frequency")
+    order = DIMS["signal"]
     if run["signal"].dims != order:
         raise ValueError(f"run.signal must have the dimensions {order}, got {run['signal'].dims}")
     check_frequency(run["frequency"].values, run.sizes["frequency"])
@@ -218,6 +209,11 @@ def check_run(run: xr.Dataset) -> xr.Dataset:
     _positions(run["rx_position"].values, "rx_position", run.sizes["pair"])
     check_poses(run["pose"].values, run.sizes["scan"])
     return run
+
+
+def polarizations_of(data: xr.Dataset | xr.DataArray) -> list[str]:
+    """Return the labels of the polarizations of a run, an image or a run-view."""
+    return [str(label) for label in data["polarization"].values]
 
 
 def complete_scans(run: xr.Dataset) -> BoolArray:

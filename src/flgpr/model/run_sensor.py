@@ -10,11 +10,9 @@ import numpy as np
 import xarray as xr
 
 from flgpr.model.frames import vehicle_to_scan
-from flgpr.model.run import complete_scan_numbers
-from flgpr.model.sensor import Sensor, load_sensor, sensor_presets
+from flgpr.model.run import complete_scan_numbers, polarizations_of
+from flgpr.model.sensor import Footprint, Sensor, load_sensor, sensor_presets
 from flgpr.types import FloatArray
-
-Footprint = tuple[float, float, float, float]
 
 _SAME_PLACE = 0.01  # m between antennas that are the same
 _RASTER = 0.01  # of a step: as far may a tone lie off an even raster
@@ -25,9 +23,11 @@ _NOISE_HEIGHTS = 3.2  # heights ahead at which the noise is given, as of sri-arr
 
 def has_array_of(sensor: Sensor, run: xr.Dataset) -> bool:
     """Return whether a sensor has the antennas and the tones of a run, and its polarizations."""
-    labels = {str(label) for label in run["polarization"].values}
     tones = sensor.tones.axis()
-    if not labels <= set(sensor.polarization) or tones.size != run.sizes["frequency"]:
+    if (
+        not set(polarizations_of(run)) <= set(sensor.polarization)
+        or tones.size != run.sizes["frequency"]
+    ):
         return False
     if not np.array_equal(np.round(tones), np.round(run["frequency"].values)):
         return False
@@ -99,7 +99,7 @@ def sensor_of_run(run: xr.Dataset, antennas: Sensor, footprint: Footprint | None
         "name": "run",
         "source": f"antennas and tones of a run; pattern, tilt and errors of {antennas.name}",
         "tones": _even_tones(run["frequency"].values),
-        "polarization": [str(label) for label in run["polarization"].values],
+        "polarization": polarizations_of(run),
         "height": height,
         "footprint": antennas.footprint if footprint is None else footprint,
     }

@@ -80,6 +80,9 @@ OBJECT_COLUMNS = (
     Column("height", "number", "m", "height above the mean surface"),
 )
 
+TABLES = {"alarms": ALARM_COLUMNS, "truth": TRUTH_COLUMNS, "objects": OBJECT_COLUMNS}
+"""Columns of each kind of table; the first names its rows."""
+
 
 def check_alarms(alarms: pd.DataFrame) -> pd.DataFrame:
     """Return a copy of a valid alarm table with float64 numbers.
@@ -100,12 +103,12 @@ def check_alarms(alarms: pd.DataFrame) -> pd.DataFrame:
         If a column is missing, a position or confidence is not finite, or an ``alarm_id`` is
         repeated.
     """
-    return _check(alarms, ALARM_COLUMNS, "alarms", "alarm_id")
+    return check_table(alarms, "alarms")
 
 
 def check_truth(truth: pd.DataFrame) -> pd.DataFrame:
     """Return a copy of a valid truth table (``TRUTH_COLUMNS``), as :func:`check_alarms` does."""
-    return _check(truth, TRUTH_COLUMNS, "truth", "target_id")
+    return check_table(truth, "truth")
 
 
 def check_objects(objects: pd.DataFrame) -> pd.DataFrame:
@@ -113,7 +116,7 @@ def check_objects(objects: pd.DataFrame) -> pd.DataFrame:
 
     The checks are those of :func:`check_alarms`.
     """
-    return _check(objects, OBJECT_COLUMNS, "objects", "object_id")
+    return check_table(objects, "objects")
 
 
 def empty_table(columns: tuple[Column, ...]) -> pd.DataFrame:
@@ -122,25 +125,31 @@ def empty_table(columns: tuple[Column, ...]) -> pd.DataFrame:
     return pd.DataFrame({column.name: pd.Series(dtype=types[column.kind]) for column in columns})
 
 
-def _check(table: pd.DataFrame, columns: tuple[Column, ...], name: str, key: str) -> pd.DataFrame:
-    """Return a checked copy of a table, whose ``key`` must be unique within a lane."""
-    required = [column.name for column in columns if column.required]
-    missing = [column for column in required if column not in table.columns]
+def required_columns(kind: str) -> list[str]:
+    """Return the names of the columns that every table of a kind must have."""
+    return [column.name for column in TABLES[kind] if column.required]
+
+
+def check_table(table: pd.DataFrame, kind: str) -> pd.DataFrame:
+    """Return a checked copy of a table of a kind, whose rows have names unique within a lane."""
+    columns = TABLES[kind]
+    key = columns[0].name
+    missing = [name for name in required_columns(kind) if name not in table.columns]
     if missing:
         existing = ", ".join(map(str, table.columns))
-        raise ValueError(f"{name} must have the columns {', '.join(missing)}; got {existing}")
+        raise ValueError(f"{kind} must have the columns {', '.join(missing)}; got {existing}")
     table = table.copy()
     for column in columns:
         if column.kind == "number" and column.name in table.columns:
-            _check_numbers(table, column, name)
+            _check_numbers(table, column, kind)
         elif column.required and column.kind == "text":
-            _check_filled(table[column.name], name)
+            _check_filled(table[column.name], kind)
     if key in table.columns:
         repeated = table[key].duplicated().to_numpy() & table[key].notna().to_numpy()
         keys = ["lane", key] if "lane" in table.columns else [key]
         if repeated.any() and table.duplicated(keys).any():
             raise ValueError(
-                f"{name}.{key} must be unique, got {table[key][repeated].iloc[0]!r} more than once"
+                f"{kind}.{key} must be unique, got {table[key][repeated].iloc[0]!r} more than once"
             )
     return table
 

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from flgpr.model.constants import POSE_COMPONENTS
-from flgpr.model.frames import pose_matrix
+from flgpr.model.frames import pose_matrix, wrapped
 from flgpr.model.tables import full_column
 from flgpr.types import ArrayLike, BoolArray, FloatArray, IndexArray, floats
 
@@ -156,7 +156,7 @@ def poses_at(
         if name == "heading":
             values = np.unwrap(values)
         pose[:, column] = np.interp(track_time, stamp, values)
-    pose[:, 3] = np.angle(np.exp(1j * pose[:, 3]))
+    pose[:, 3] = wrapped(pose[:, 3])
     return pose
 
 
@@ -242,7 +242,7 @@ def course(position: ArrayLike, least: float = 0.05) -> FloatArray:
             f"the track must move by at least {least:g} m to tell a heading, it does not"
         )
     heading = np.unwrap(np.arctan2(step[known, 0], step[known, 1]))
-    return floats(np.angle(np.exp(1j * np.interp(rows, known, heading))))
+    return wrapped(np.interp(rows, known, heading))
 
 
 def _first_distant(points: FloatArray, least: float) -> IndexArray:

@@ -6,10 +6,10 @@ from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from flgpr.model.bounds import Entries
-from flgpr.model.faults import first_fault
+from flgpr.model.faults import first_fault_of
 from flgpr.model.frames import lane_to_scan
 
 
@@ -58,10 +58,8 @@ class Vehicle(Entries):
     @classmethod
     def of(cls, **entries: Any) -> Self:
         """Return a vehicle of these entries; a ValueError names the first that breaks its rule."""
-        try:
+        with first_fault_of(cls, "vehicle"):
             return cls(**entries)
-        except ValidationError as error:
-            raise ValueError(first_fault(error, cls, "vehicle")) from None
 
     def changed(self, **entries: Any) -> Self:
         """Return the vehicle with those of the entries that are not None in place of its own."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -342,7 +341,7 @@ def figures_of(setup: RadarSetup, model: Recipe | None = None) -> Figures:
         model=model if "outer" in own else None,
     )
     if method.model:
-        return _choose_like(setup, method)
+        return _choose_like(setup, method, method.model.image.subbands)
     whole = _whole_band(setup, model)
     return replace(_choose(setup, method, whole), whole=whole is not None)
 
@@ -381,7 +380,7 @@ def _own_lengths(model: Recipe | None) -> tuple[dict[str, float], float]:
         "patch": model.contrast.size * model.contrast.spacing,
         "mean": model.background.mean,
     }
-    settings: Any = None if model.map is None else model.map.settings
+    settings = model.map_settings
     if not hasattr(settings, "outer"):
         return own, 0.0
     own |= {"clear": settings.clear, "guard": settings.guard, "outer": settings.outer}
@@ -413,12 +412,10 @@ def _longest_cell(setup: RadarSetup, method: _Method) -> float:
     return min(_gap(setup.height, method.near), 2 * method.lengths["outer"])
 
 
-def _choose_like(setup: RadarSetup, method: _Method) -> Figures:
-    """Choose the figures for the method of a recipe with a map."""
-    if method.model is None:
-        raise ValueError("method must be that of a recipe with a map, got one without")
+def _choose_like(setup: RadarSetup, method: _Method, own: dict[str, Band]) -> Figures:
+    """Choose the figures for the method of a recipe with a map, whose own sub-bands are given."""
     least = SPEED_OF_LIGHT / _longest_cell(setup, method)
-    divisions = list(divisions_like(setup.tones, method.model.image.subbands, least))
+    divisions = list(divisions_like(setup.tones, own, least))
     for bands in divisions[:-1]:
         try:
             return _choose(setup, method, bands)

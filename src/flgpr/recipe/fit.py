@@ -165,9 +165,8 @@ def asked_polarizations(recipe: Recipe) -> list[tuple[str, str]]:
         asked.insert(0, ("prescreen.polarization", recipe.prescreen.polarization))
     for name in recipe.image.polarizations:
         asked.append(("image.polarizations", name))
-    if recipe.map is not None:
-        for name in getattr(recipe.map.settings, "polarizations", ()):
-            asked.append(("map.polarizations", name))
+    for name in getattr(recipe.map_settings, "polarizations", ()):
+        asked.append(("map.polarizations", name))
     return asked
 
 

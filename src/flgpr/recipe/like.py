@@ -309,7 +309,7 @@ class _Fitted:
 
     def _fit_cuts(self) -> None:
         """Fit the pixels of range cuts, and the polarizations that are cut."""
-        settings: Any = self.model.map.settings if self.model.map is not None else None
+        settings = self.model.map_settings
         across, along = (step / self.figures.fine for step in self.model.image.steps)
         length = max(round(settings.length * along), _SHORTEST_CUT)
         self._set("map", "length", length, f"{settings.length * self.model.image.steps[1]:.2g} m")
@@ -331,7 +331,7 @@ class _Fitted:
                 "assumed, for a run does not hold their pattern, tilt and errors; a sensor's own "
                 "file tells them"
             )
-        settings: Any = self.model.map.settings if self.model.map is not None else None
+        settings = self.model.map_settings
         if self.figures.step != settings.step:
             self._set("map", "step", self.figures.step)
         for entry in ("clear", "guard", "outer"):

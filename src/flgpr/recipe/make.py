@@ -11,7 +11,8 @@ import xarray as xr
 from flgpr.model import Sensor, aperture_run, load_sensor
 from flgpr.model.faults import faults_of
 from flgpr.model.motion import plausible_run
-from flgpr.model.run_sensor import Footprint, preset_of, sensor_of_run
+from flgpr.model.run_sensor import preset_of, sensor_of_run
+from flgpr.model.sensor import Footprint
 from flgpr.recipe.choice import figures_of
 from flgpr.recipe.like import ModelRecipe, like_text, load_model_recipe
 from flgpr.recipe.radar_setup import Band, goes_across, radar_setup

@@ -9,7 +9,8 @@ import numpy as np
 import xarray as xr
 
 from flgpr.model import aperture_pose, complete_scans, lane_to_scan, vehicle_to_scan
-from flgpr.model.run import complete_scan_numbers
+from flgpr.model.frames import steps_of
+from flgpr.model.run import complete_scan_numbers, polarizations_of
 from flgpr.types import FloatArray
 
 Band = tuple[float, float]
@@ -52,7 +53,7 @@ class RadarSetup:
     @property
     def scan_step(self) -> float:
         """Usual distance between scans, m; zero of a single scan."""
-        steps = np.hypot(*np.diff(self.poses[:, :2], axis=0).T)
+        steps = steps_of(self.poses)
         return float(np.median(steps)) if steps.size else 0.0
 
     @property
@@ -60,7 +61,7 @@ class RadarSetup:
         """Whether the mean scan is the self-signature rather than a blend of targets."""
         if self.begins:
             return True
-        travelled = float(np.hypot(*np.diff(self.poses[:, :2], axis=0).T).sum())
+        travelled = float(steps_of(self.poses).sum())
         enough_scans = len(self.poses) >= FEWEST_SCANS
         return enough_scans and travelled >= SCAN_SPACING * (FEWEST_SCANS - 1)
 
@@ -93,8 +94,7 @@ def radar_setup(run: xr.Dataset, aperture: bool = False) -> RadarSetup:
     pose = np.median(poses, axis=0)
     tx = vehicle_to_scan(run["tx_position"].values, pose)
     rx = vehicle_to_scan(run["rx_position"].values, pose)
-    labels = [str(label) for label in run["polarization"].values]
-    return RadarSetup(labels, run["frequency"].values, tx, rx, poses, aperture)
+    return RadarSetup(polarizations_of(run), run["frequency"].values, tx, rx, poses, aperture)
 
 
 def goes_across(run: xr.Dataset) -> bool:

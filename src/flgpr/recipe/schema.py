@@ -14,7 +14,7 @@ from pydantic import ValidationError, model_validator
 
 from flgpr.door import read_named
 from flgpr.model import POLARIZATIONS, Grid, Lane, scan_to_lane
-from flgpr.model.faults import describe_fault, listed_faults, no_preset
+from flgpr.model.faults import describe_fault, listed_faults, no_preset, preset_names
 from flgpr.model.motion import plausible_run
 from flgpr.model.plausible import MotionLimits
 from flgpr.model.vehicle import Vehicle
@@ -37,6 +37,7 @@ from flgpr.types import FloatArray
 if TYPE_CHECKING:
     import xarray as xr
 
+_PACKAGED = resources.files("flgpr.recipe") / "packaged"
 MOST_PIXELS = 50_000_000
 """Most pixels of an image."""
 MOST_WINDOW = 1001
@@ -99,6 +100,11 @@ class Recipe(Table):
         """Whether its method is made of several looks at a place: a map, masks, or views."""
         views = self.run_view.look == "ranges"
         return self.map is not None or views or "clutter.masks" in self.named()
+
+    @property
+    def map_settings(self) -> Any:
+        """Settings of its map; None without one."""
+        return None if self.map is None else self.map.settings
 
     @property
     def view_channels(self) -> list[str]:
@@ -292,12 +298,7 @@ class Recipe(Table):
 
 def recipe_names() -> list[str]:
     """Return the names of the packaged recipes."""
-    folder = resources.files("flgpr.recipe") / "packaged"
-    names = []
-    for entry in folder.iterdir():
-        if entry.name.endswith(".toml"):
-            names.append(entry.name.removesuffix(".toml"))
-    return sorted(names)
+    return preset_names(_PACKAGED)
 
 
 def recipe_text(name: str | Path) -> str:
@@ -314,8 +315,7 @@ def recipe_text(name: str | Path) -> str:
         If there is no such recipe, or the file is no text.
     """
     if str(name) in recipe_names():
-        packaged = resources.files("flgpr.recipe") / "packaged" / f"{name}.toml"
-        return packaged.read_text(encoding="utf-8")
+        return (_PACKAGED / f"{name}.toml").read_text(encoding="utf-8")
     if Path(name).is_file():
         try:
             text = read_named(name).decode("utf-8")

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from flgpr.model.run import polarizations_of
 from flgpr.recipe.fit import asked_polarizations, fit_faults
 from flgpr.recipe.like import likeable_names
 from flgpr.recipe.make import fit_recipe
@@ -136,7 +137,7 @@ def _packaged(run: xr.Dataset, name: str, can_be_fitted: bool) -> Suggestion:
 
 def _lacking(run: xr.Dataset, recipe: Recipe) -> list[str]:
     """Return which polarizations and which band a run lacks for a recipe, in a few words."""
-    has = [str(name) for name in run["polarization"].values]
+    has = polarizations_of(run)
     needed = dict.fromkeys(name for _, name in asked_polarizations(recipe))
     lacking = []
     if recipe.features is not None and not allow_features(has):

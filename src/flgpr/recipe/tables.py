@@ -279,7 +279,7 @@ class LaneTable(Table):
 
     def lane(self) -> Lane:
         """Return the lane."""
-        return Lane(self.x_min, self.x_max, self.y_min, self.y_max)
+        return Lane(**self.model_dump())
 
 
 class ScoreTable(Table):

@@ -10,12 +10,12 @@ import time
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from flgpr.append_log import AppendLog, read_log
 from flgpr.door import refuse_links
 from flgpr.model.bounds import Entries
-from flgpr.model.faults import first_fault
+from flgpr.model.faults import first_fault_of
 
 ANSWER_FILE = "answers.jsonl"
 MOST_ANSWER_BYTES = 1000
@@ -58,10 +58,8 @@ def add_answer(folder: Path, body: bytes) -> dict[str, Any]:
         If the answer breaks a rule, there is no such run, or it has :data:`MOST_ANSWERS`. Nothing is
         written then.
     """
-    try:
+    with first_fault_of(Answer, "answer"):
         answer = Answer.model_validate_json(body, strict=True)
-    except ValidationError as error:
-        raise ValueError(first_fault(error, Answer, "answer")) from None
     if not folder.is_dir():
         raise ValueError(f"answers go to a live run, got no folder {folder}")
     refuse_links(folder / ANSWER_FILE)

@@ -18,13 +18,12 @@ from typing import Protocol
 import numpy as np
 import pandas as pd
 
-from flgpr.model.tables import to_numbers
+from flgpr.model.tables import TABLES, to_numbers
 from flgpr.model.units import UNITS
 from flgpr.types import ArrayLike, FloatArray
 
 PLACES = ("longitude", "latitude", "easting", "northing")
 """Columns of a position on the Earth instead of x and y; degrees or metres."""
-_IDS = {"alarms": "alarm_id", "truth": "target_id", "objects": "object_id"}
 _SYNONYMS: dict[str, str] = {
     "x": (
         "x cross across cross_track crosstrack lateral right rechts quer querab droite "
@@ -196,7 +195,7 @@ def _leave_out_comments(rows: list[str], first: int, kind: str) -> int:
     """Empty the comments behind the header, which is row ``first``, and count them."""
     header = rows[first]
     width = _count_cells(header)
-    names_of_rows = {_folded(name) for name in _synonyms_of_id(_IDS[kind])}
+    names_of_rows = {_folded(name) for name in _synonyms_of_id(TABLES[kind][0].name)}
     begins_with_names = _folded(cells_of(header)[0]) in names_of_rows
     dropped = 0
     is_within = header.count('"') % 2 == 1  # a quoted cell, which may go over several lines
@@ -280,9 +279,7 @@ def _count_cells(line: str) -> int:
     return len(cells_of(line))
 
 
-def column_targets(
-    names: Sequence[str], kind: str, known: tuple[str, ...], columns: Mapping[str, str]
-) -> dict[int, str]:
+def column_targets(names: Sequence[str], kind: str, columns: Mapping[str, str]) -> dict[int, str]:
     """Return which columns of a file are which of a table's, by number in the header.
 
     Columns of the file that are none of the table's are left out.
@@ -293,8 +290,6 @@ def column_targets(
         The header.
     kind : str
         "alarms", "truth" or "objects".
-    known : tuple of str
-        The names of the table's columns.
     columns : mapping of str to str
         What the user says: a table's name, and the file's name for it.
 
@@ -308,8 +303,9 @@ def column_targets(
     ValueError
         If a column that the user names is not there or unknown, or if two columns could be one.
     """
-    targets = _columns_by_user(names, known, columns)
-    candidates = _columns_by_synonym(names, kind, known, targets)
+    known = [column.name for column in TABLES[kind]]
+    targets = _columns_by_user(names, {*known, *PLACES}, columns)
+    candidates = _columns_by_synonym(names, known, targets)
     for target, numbers in candidates.items():
         exact = [number for number in numbers if names[number] == target]
         chosen = exact or numbers
@@ -330,10 +326,9 @@ def column_targets(
 
 
 def _columns_by_user(
-    names: Sequence[str], known: tuple[str, ...], columns: Mapping[str, str]
+    names: Sequence[str], allowed: set[str], columns: Mapping[str, str]
 ) -> dict[int, str]:
     """Return the columns that the user names, by number."""
-    allowed = {*known, *PLACES}
     targets: dict[int, str] = {}
     for target, column in columns.items():
         if target not in allowed:
@@ -352,10 +347,10 @@ def _columns_by_user(
 
 
 def _columns_by_synonym(
-    names: Sequence[str], kind: str, known: tuple[str, ...], by_user: Mapping[int, str]
+    names: Sequence[str], known: Sequence[str], by_user: Mapping[int, str]
 ) -> dict[str, list[int]]:
     """Return the columns that may be each of the table's by their names, besides ``by_user``."""
-    synonyms = _synonyms_of_table(kind, known)
+    synonyms = _synonyms_of_table(known)
     assigned = set(by_user.values())
     candidates: dict[str, list[int]] = {}
     for number, name in enumerate(names):
@@ -522,17 +517,16 @@ def _unit_factor(target: str, unit: str, name: str) -> float:
     return 1.0
 
 
-def _synonyms_of_table(kind: str, known: tuple[str, ...]) -> dict[str, str]:
-    """Return the column of a table that each folded synonym means."""
+def _synonyms_of_table(known: Sequence[str]) -> dict[str, str]:
+    """Return the column of a table of such columns that each folded synonym means."""
     targets: dict[str, str] = {}
     for target, synonyms in _SYNONYMS.items():
         if target not in known and target not in PLACES:
             continue
         for synonym in synonyms.split():
             targets[_folded(synonym)] = target
-    id_column = _IDS[kind]
-    for synonym in _synonyms_of_id(id_column):
-        targets[_folded(synonym)] = id_column
+    for synonym in _synonyms_of_id(known[0]):
+        targets[_folded(synonym)] = known[0]
     return targets
 
 

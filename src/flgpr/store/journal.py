@@ -31,9 +31,9 @@ _DIGEST = re.compile(r"[0-9a-f]{64}")
 
 
 class WrittenScan(NamedTuple):
-    """A scan that is on disk."""
+    """A scan that is on disk, or waits for others to be written with it."""
 
-    sha256: str  #: digest of its chunk
+    sha256: str  #: digest of its chunk; empty while it waits
     pose: FloatArray  #: (6,): x, y, z, m, and heading, pitch, roll, rad
     time: float  #: s; NaN where unknown
     valid: BoolArray  #: (polarization, pair): whether all tones are finite
@@ -191,24 +191,24 @@ MADE_OF = "made-of.json"
 """File that records what a store's scans depend on, by which the same call knows it again."""
 
 
+class FixedParts(NamedTuple):
+    """What all scans of a run share, in the order in which a run is made of it."""
+
+    frequency: FloatArray  #: tones, Hz
+    polarization: list[str]  #: labels of the polarizations
+    tx_position: FloatArray  #: (pair, 3): positions of the transmitters, m
+    rx_position: FloatArray  #: (pair, 3): those of the receivers
+
+
 def describe_inputs(
-    frequency: FloatArray,
-    polarization: list[str],
-    tx_position: FloatArray,
-    rx_position: FloatArray,
-    attrs: dict[str, Any],
-    inputs: dict[str, Any] | None,
+    fixed: FixedParts, attrs: dict[str, Any], inputs: dict[str, Any] | None
 ) -> dict[str, Any]:
     """Return a description of all that the scans of a store depend on.
 
     Parameters
     ----------
-    frequency : (frequency,) ndarray
-        Tones, Hz.
-    polarization : list of str
-        Labels of the polarizations.
-    tx_position, rx_position : (pair, 3) ndarray
-        Positions of the antennas, m.
+    fixed : FixedParts
+        What the scans share.
     attrs : dict
         Attributes of the run.
     inputs : dict or None
@@ -220,10 +220,10 @@ def describe_inputs(
         The description, as JSON holds it.
     """
     return {
-        "frequency": sha256(frequency.tobytes()),
-        "polarization": polarization,
-        "tx_position": sha256(tx_position.tobytes()),
-        "rx_position": sha256(rx_position.tobytes()),
+        "frequency": sha256(fixed.frequency.tobytes()),
+        "polarization": fixed.polarization,
+        "tx_position": sha256(fixed.tx_position.tobytes()),
+        "rx_position": sha256(fixed.rx_position.tobytes()),
         "attrs": attrs,
         "inputs": inputs or {},
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 
 from flgpr.door import read_named
@@ -60,5 +61,4 @@ def lane_text(lane: Lane) -> str:
     str
         A line for each limit, m.
     """
-    names = ("x_min", "x_max", "y_min", "y_max")
-    return "".join(f"{name} = {getattr(lane, name)!r}\n" for name in names)
+    return "".join(f"{name} = {border!r}\n" for name, border in asdict(lane).items())

@@ -98,12 +98,7 @@ def _hold(folder: Path, wait: bool, output: Path) -> int:
             handle = os.open(folder, os.O_RDONLY | system.DIRECTORY | system.NO_LINK)
         except FileNotFoundError:
             continue
-        try:
-            _lock(handle, output, wait)
-        except BusyError:
-            os.close(handle)
-            raise
-        except OSError:  # a file system without locks
+        if not _lock(handle, output, wait):
             return handle
         # The folder may have been removed before it was locked; then another one has its name.
         with suppress(FileNotFoundError):
@@ -112,15 +107,22 @@ def _hold(folder: Path, wait: bool, output: Path) -> int:
         os.close(handle)
 
 
-def _lock(handle: int, output: Path, wait: bool) -> None:
-    """Lock what stands for a folder; a lock of another process is a BusyError on the output."""
+def _lock(handle: int, output: Path, wait: bool) -> bool:
+    """Lock what stands for a folder, and return whether its file system has locks.
+
+    A lock of another process is a BusyError on the output, and the handle is closed.
+    """
     try:
         system.lock(handle, wait=wait)
     except BlockingIOError:
+        os.close(handle)
         raise BusyError(
             f"{output}: another process is writing here: wait until it is done, "
             "or choose another output"
         ) from None
+    except OSError:
+        return False
+    return True
 
 
 def _lock_file_of(folder: Path) -> Path:
@@ -133,13 +135,7 @@ def _hold_beside(folder: Path, wait: bool, output: Path) -> int:
     refuse_links(folder, _lock_file_of(folder))
     folder.mkdir(exist_ok=True)
     handle = os.open(_lock_file_of(folder), os.O_RDWR | os.O_CREAT | system.PLAIN, 0o666)
-    try:
-        _lock(handle, output, wait)
-    except BusyError:
-        os.close(handle)
-        raise
-    except OSError:  # a file system without locks
-        pass
+    _lock(handle, output, wait)
     return handle
 
 

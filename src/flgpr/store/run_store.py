@@ -25,10 +25,10 @@ from xarray.core import indexing
 from flgpr.door import MOST_CHECKED, MOST_JSON, DoorError, Folder, Listed
 from flgpr.json_text import canonical_json, parse_json, sha256
 from flgpr.model import AXES, POSE_COMPONENTS, check_run
-from flgpr.model.constants import VARIABLE_ATTRS
+from flgpr.model.constants import DIMS, VARIABLE_ATTRS
 from flgpr.model.run import described
 from flgpr.store.files import taken_for
-from flgpr.store.store_layout import DIMS, MAX_MEMORY, ArrayLayout, check_declared
+from flgpr.store.store_layout import MAX_MEMORY, ArrayLayout, check_declared
 from flgpr.types import AnyArray
 
 FORMAT = "flgpr-run"

@@ -10,7 +10,7 @@ import shutil
 import tempfile
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -18,8 +18,8 @@ import xarray as xr
 from flgpr.door import DoorError, Folder, refuse_links
 from flgpr.json_text import canonical_json, parse_json, sha256
 from flgpr.model import check_run, make_run
-from flgpr.model.constants import VARIABLE_ATTRS
-from flgpr.model.run import check_poses, measured_sweeps
+from flgpr.model.constants import DIMS, VARIABLE_ATTRS
+from flgpr.model.run import check_poses, measured_sweeps, polarizations_of
 from flgpr.store.files import (
     PARTIAL,
     replace_folder,
@@ -31,6 +31,7 @@ from flgpr.store.files import (
 from flgpr.store.journal import (
     JOURNAL,
     MADE_OF,
+    FixedParts,
     Journal,
     JournalError,
     OtherRunError,
@@ -47,8 +48,7 @@ from flgpr.store.run_store import (
     RunStoreError,
     manifest_bytes,
 )
-from flgpr.store.store_layout import DIMS
-from flgpr.types import ArrayLike, BoolArray, ComplexArray, FloatArray, floats
+from flgpr.types import ArrayLike, ComplexArray, floats
 
 GROUP = "zarr.json"
 """File that describes a group or an array of Zarr."""
@@ -56,16 +56,6 @@ _SCANS_PER_GROWTH = 64  # Zarr writes the array's description anew each time it 
 _WIDTH = np.dtype(np.complex64).itemsize
 _SMALL_SCAN = 4096  # bytes: a file takes at least so many on a disk, and smaller scans share one
 _PIECE = 65_536  # bytes of such a file
-_SIGNAL_DIMS = ("scan", "polarization", "pair", "frequency")
-
-
-class _Scan(NamedTuple):
-    """A scan that waits to be written with others."""
-
-    signal: ComplexArray
-    pose: FloatArray
-    time: float
-    valid: BoolArray
 
 
 class RunExistsError(FileExistsError):
@@ -147,26 +137,23 @@ class RunWriter:
     ) -> None:
         self.path = Path(path)
         self._together = together
-        self._waiting: list[_Scan] = []
+        self._waiting: list[tuple[ComplexArray, WrittenScan]] = []  # signals and what else
         self._limits = limits or {}
-        self._frequency = floats(frequency)
-        self._polarization = [str(label) for label in np.atleast_1d(np.asarray(polarization))]
-        self._tx = floats(tx_position)
-        self._rx = floats(rx_position)
+        labels = [str(label) for label in np.atleast_1d(np.asarray(polarization))]
+        tones, tx, rx = map(floats, (frequency, tx_position, rx_position))
+        self._fixed = FixedParts(tones, labels, tx, rx)
         try:
             self._attrs = parse_json(canonical_json(attrs or {}))
         except (TypeError, ValueError) as error:
             raise ValueError(f"attrs must be writable as JSON: {error}") from None
-        self._shape = (len(self._polarization), len(self._tx), self._frequency.size)
+        self._shape = (len(labels), len(tx), tones.size)
         # A broken rule is found here, not when the last scan is written.
         probe = np.broadcast_to(np.complex64(0), (1, *self._shape))
-        make_run(probe, self._frequency, self._polarization, self._tx, self._rx, np.zeros((1, 6)))
+        make_run(probe, *self._fixed, np.zeros((1, 6)))
         self.keeps = resume
         self._committed = False
         self._partial = _partial_store(self.path)
-        self._about = describe_inputs(
-            self._frequency, self._polarization, self._tx, self._rx, self._attrs, inputs
-        )
+        self._about = describe_inputs(self._fixed, self._attrs, inputs)
         self._check_free(overwrite)
         try:
             with writing(self.path):
@@ -255,7 +242,7 @@ class RunWriter:
         checked_pose = check_poses(np.asarray(pose)[None], 1)[0]
         last = self._journal.scans[-1].time if len(self) else None
         if self._waiting:
-            last = self._waiting[-1].time
+            last = self._waiting[-1][1].time
         decreases = last is not None and time < last
         if math.isinf(time) or decreases:
             before = "" if last is None else f" after {last:g}"
@@ -263,8 +250,8 @@ class RunWriter:
                 "time must be finite, or NaN, and not decrease from scan to scan, "
                 f"got {time:g}{before}"
             )
-        scan = _Scan(block, checked_pose, float(time), measured_sweeps(block))
-        self._waiting.append(scan)
+        scan = WrittenScan("", checked_pose, float(time), measured_sweeps(block))
+        self._waiting.append((block, scan))
         if len(self._waiting) == self._together:
             try:
                 self._write_piece()
@@ -280,13 +267,12 @@ class RunWriter:
         if end > self._signal.shape[0]:
             growth = max(_SCANS_PER_GROWTH, self._together)
             self._signal.resize((count + growth, *self._shape))
-        self._signal[count:end] = np.stack([scan.signal for scan in waiting])
+        self._signal[count:end] = np.stack([signal for signal, _ in waiting])
         chunk = self._chunk(count)
         sync_file(chunk)
         digest = sha256(chunk.read_bytes())
-        for number, scan in enumerate(waiting, 1):
-            written = WrittenScan(digest, scan.pose, scan.time, scan.valid)
-            self._journal.append(written, settled=number == len(waiting))
+        for number, (_, scan) in enumerate(waiting, 1):
+            self._journal.append(scan._replace(sha256=digest), settled=number == len(waiting))
         self._waiting = []
 
     def commit(self) -> None:
@@ -309,7 +295,7 @@ class RunWriter:
             {
                 "format": FORMAT,
                 "version": VERSION,
-                "polarization": self._polarization,
+                "polarization": self._fixed.polarization,
                 "attrs": self._attrs,
             }
         )
@@ -342,20 +328,19 @@ class RunWriter:
             finite = [np.isfinite(self._signal[k]).all(axis=-1) for k in range(len(scans))]
             valid = np.stack(finite)[..., None]
         probe = np.where(valid, np.complex64(1), np.complex64(np.nan))
+        frequency = self._fixed.frequency
         run = make_run(
             probe,
-            self._frequency[:1],
-            self._polarization,
-            self._tx,
-            self._rx,
+            frequency[:1],
+            *self._fixed[1:],
             np.stack([scan.pose for scan in scans]),
             [scan.time for scan in scans],
         )
         # The array may have grown ahead, and hold a scan that append failed at.
         self._signal.resize((len(scans), *self._shape))
         for name in ("valid", "tx_position", "rx_position", "pose", "frequency", "time"):
-            values = self._frequency if name == "frequency" else run[name].values
-            array = self._array(name, values.shape, values.shape, str(values.dtype), run[name].dims)
+            values = frequency if name == "frequency" else run[name].values
+            array = self._array(name, values.shape, values.shape, str(values.dtype))
             array[...] = values
 
     def _check_free(self, overwrite: bool) -> None:
@@ -430,7 +415,6 @@ class RunWriter:
         shape: tuple[int, ...],
         chunks: tuple[int, ...],
         dtype: str,
-        dims: tuple[Any, ...] = _SIGNAL_DIMS,
     ) -> Any:
         """Return a new array of the store."""
         from zarr.codecs import Crc32cCodec
@@ -443,7 +427,7 @@ class RunWriter:
             fill_value=False if dtype == "bool" else np.nan,
             compressors=[Crc32cCodec()],
             filters=[],
-            dimension_names=list(map(str, dims)),
+            dimension_names=DIMS[name],
             attributes=VARIABLE_ATTRS[name],
             config={"write_empty_chunks": True},
         )
@@ -486,7 +470,7 @@ def save_run(
         If another process writes the same store.
     """
     check_run(run)
-    fixed = (path, *_fixed_of(run), overwrite)
+    fixed = (path, *_fixed_of(run), _attrs_of(run), overwrite)
     size = _WIDTH * run["signal"][0].size
     together = _PIECE // size if share_files and size <= _SMALL_SCAN else 1
     try:
@@ -553,21 +537,23 @@ def is_stored(run: xr.Dataset, path: str | Path) -> bool:
     check_store_names(root)
     if not os.path.lexists(root):
         return False
-    different = difference_from_stored(root, describe_inputs(*_fixed_of(run), _digests(run)))
+    different = difference_from_stored(
+        root, describe_inputs(_fixed_of(run), _attrs_of(run), _digests(run))
+    )
     if different != "":
         raise RunExistsError(root, different)
     return True
 
 
-def _fixed_of(run: xr.Dataset) -> tuple[Any, list[str], Any, Any, dict[str, Any]]:
-    """Return what all scans of a run share, as the writer of a store takes it."""
-    return (
-        run["frequency"].values,
-        [str(label) for label in run["polarization"].values],
-        run["tx_position"].values,
-        run["rx_position"].values,
-        {str(key): value for key, value in run.attrs.items()},
-    )
+def _fixed_of(run: xr.Dataset) -> FixedParts:
+    """Return what all scans of a run share."""
+    frequency, tx, rx = (run[name].values for name in ("frequency", "tx_position", "rx_position"))
+    return FixedParts(frequency, polarizations_of(run), tx, rx)
+
+
+def _attrs_of(run: xr.Dataset) -> dict[str, Any]:
+    """Return the attributes of a run by their names as text."""
+    return {str(key): value for key, value in run.attrs.items()}
 
 
 def _digests(run: xr.Dataset) -> dict[str, Any]:

@@ -27,7 +27,8 @@ import xarray as xr
 from flgpr.door import DoorError, Folder
 from flgpr.json_text import canonical_json, parse_json, sha256
 from flgpr.model import check_frequency, make_run
-from flgpr.model.run import check_polarization
+from flgpr.model.printable import shortened
+from flgpr.model.run import check_polarization, polarizations_of
 from flgpr.store.files import write_whole
 from flgpr.types import ArrayLike, ComplexArray, FloatArray, floats
 
@@ -47,7 +48,6 @@ _LARGEST_SCAN = 2**53  # up to here every reader of JSON holds integers exactly
 _FARTHEST = 1e3  # distance of an antenna from the vehicle, m
 _HIGHEST = 1e12  # frequency of a tone, Hz
 _FARTHEST_POSE = 1e7  # coordinate of the vehicle in the lane, m
-_LONGEST_VALUE = 100  # characters of a bad value that a message shows
 _DESCRIPTION_KEYS = ("polarization", "frequency_hz", "tx_m", "rx_m")
 
 
@@ -134,7 +134,7 @@ def describe_for_live(run: xr.Dataset) -> RunDescription:
     attrs = {name: run.attrs[name] for name in ("georeference", "source") if name in run.attrs}
     return RunDescription(
         floats(run["frequency"].values),
-        [str(label) for label in run["polarization"].values],
+        polarizations_of(run),
         floats(run["tx_position"].values),
         floats(run["rx_position"].values),
         str(run.attrs.get("title", "run")),
@@ -210,22 +210,15 @@ def parse_description(value: Any) -> RunDescription:
             )
         attrs = dict(value.get("attrs") or {})
         labels = [str(label) for label in value["polarization"]]
-        description = RunDescription(tones, labels, tx, rx, str(value.get("title", "run")), attrs)
-        check_frequency(description.frequency)
-        check_polarization(description.polarization)
-        probe = np.zeros((1, *description.shape[:2], 1), np.complex64)
-        make_run(
-            probe,
-            description.frequency[:1],
-            description.polarization,
-            description.tx_position,
-            description.rx_position,
-            np.zeros((1, 6)),
-        )
-        canonical_json(description.attrs)
+        title = str(value.get("title", "run"))
+        check_frequency(tones)
+        check_polarization(labels)
+        probe = np.zeros((1, *counts[:2], 1), np.complex64)
+        make_run(probe, tones[:1], labels, tx, rx, np.zeros((1, 6)))
+        canonical_json(attrs)
     except (ValueError, TypeError, OverflowError, RecursionError) as error:
         raise ScanFileError(f"run description: {error}") from None
-    return description
+    return RunDescription(tones, labels, tx, rx, title, attrs)
 
 
 def _check_bound(name: str, numbers: FloatArray, most: float) -> None:
@@ -466,7 +459,7 @@ def pose_fault(frame: Frame) -> str:
     """
     value = frame.header.get("pose")
     rule = "" if value is None else _broken_pose_rule(value)
-    return f"pose must {rule}, got {_shortened(value)}" if rule else ""
+    return f"pose must {rule}, got {shortened(repr(value))}" if rule else ""
 
 
 def _pose(value: Any) -> FloatArray | None:
@@ -493,12 +486,6 @@ def _broken_pose_rule(value: Any) -> str:
     if (np.abs(pitch_and_roll) > math.pi / 2).any():
         return "have pitch and roll within a quarter turn"
     return ""
-
-
-def _shortened(value: Any) -> str:
-    """Return a JSON value as text of at most a hundred characters; it may come from anybody."""
-    text = repr(value)
-    return text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}..."
 
 
 def write_description(description: RunDescription, folder: Path) -> None:

@@ -13,18 +13,10 @@ from itertools import product
 from typing import Any, NamedTuple
 
 from flgpr.json_text import parse_json
+from flgpr.model.constants import DIMS
 
 MAX_MEMORY = 2 * 10**9
 """Memory that reading may take by default, bytes."""
-DIMS = {
-    "signal": ("scan", "polarization", "pair", "frequency"),
-    "valid": ("scan", "polarization", "pair"),
-    "pose": ("scan", "component"),
-    "tx_position": ("pair", "axis"),
-    "rx_position": ("pair", "axis"),
-    "frequency": ("frequency",),
-    "time": ("scan",),
-}
 _KINDS = {name: "float64" for name in DIMS} | {"signal": "complex64", "valid": "bool"}
 _WIDTHS = {"complex64": 8, "float64": 8, "bool": 1}
 _CHUNK_KEYS = {"name": "default", "configuration": {"separator": "/"}}

@@ -13,10 +13,9 @@ from typing import Any
 import pandas as pd
 
 from flgpr.door import Folder, read_named
-from flgpr.model import check_alarms, check_objects, check_truth
 from flgpr.model.faults import faults_of
 from flgpr.model.printable import printable
-from flgpr.model.tables import ALARM_COLUMNS, OBJECT_COLUMNS, TRUTH_COLUMNS
+from flgpr.model.tables import check_table, required_columns
 from flgpr.store.dialects import (
     PLACES,
     TableReading,
@@ -34,8 +33,6 @@ from flgpr.store.notes import log_note
 from flgpr.store.text import decode_text
 from flgpr.store.writing import plain_text, without_quotes
 
-_CHECKS = {"alarms": check_alarms, "truth": check_truth, "objects": check_objects}
-_COLUMNS = {"alarms": ALARM_COLUMNS, "truth": TRUTH_COLUMNS, "objects": OBJECT_COLUMNS}
 _NUMBER = re.compile(r"[-+]?\d*([.,]\d*)?([eE][-+]?\d+)?")
 _PANDAS = tuple(int(number) for number in pd.__version__.split(".")[:2])
 _NEAREST_NUMBERS: dict[str, Any] = {} if _PANDAS >= (3, 1) else {"float_precision": "round_trip"}
@@ -149,7 +146,7 @@ def parse_table(
             table = parse_columns(data, *_ID_COLUMNS)
             if kind == "alarms":
                 _require_confidences(table)
-            return _CHECKS[kind](table)
+            return check_table(table, kind)
         checked, notes = _parse_dialect(data, kind, reading or TableReading())
     for note in notes:
         log_note(f"{Path(path).name}: {note}")
@@ -170,9 +167,8 @@ def _parse_dialect(data: bytes, kind: str, reading: TableReading) -> tuple[pd.Da
     if separator_of(head) == "\t":
         notes.append("columns are separated by tabs")
 
-    known = tuple(column.name for column in _COLUMNS[kind])
     header = _header_of(head)
-    targets = column_targets(header, kind, known, reading.columns)
+    targets = column_targets(header, kind, reading.columns)
     text_columns = list(_ID_COLUMNS)
     for number, target in targets.items():
         if target in _ID_COLUMNS:
@@ -180,8 +176,7 @@ def _parse_dialect(data: bytes, kind: str, reading: TableReading) -> tuple[pd.Da
     columns = parse_columns(body.encode(), *text_columns)
     table, notes_on_columns = named_columns(columns, targets, reading.anchor)
     notes += notes_on_columns
-    required = [column.name for column in _COLUMNS[kind] if column.required]
-    missing = [name for name in required if name not in table]
+    missing = [name for name in required_columns(kind) if name not in table]
     if missing and missing != ["confidence"]:  # the lack of which has a remedy of its own
         option = "truth_columns" if kind == "truth" else "columns"
         raise ValueError(
@@ -193,7 +188,7 @@ def _parse_dialect(data: bytes, kind: str, reading: TableReading) -> tuple[pd.Da
     elif kind == "alarms":
         table, notes_on_ranks = _with_equal_ranks(table)
         notes += notes_on_ranks
-    checked = _CHECKS[kind](table)
+    checked = check_table(table, kind)
     checked.attrs["has_unit"] = places_have_unit(header, targets)
     return checked, notes
 
@@ -229,9 +224,8 @@ def split_alarm_rows(
     head = first_line(text)
     mark = separator_of(head)
     header = _header_of(head)
-    known = tuple(column.name for column in ALARM_COLUMNS)
     numbers = {}
-    for number, name in column_targets(header, "alarms", known, reading.columns).items():
+    for number, name in column_targets(header, "alarms", reading.columns).items():
         if name in ("x", "y", *PLACES) or (name == "confidence" and not reading.unranked):
             numbers[number] = name
 
@@ -334,7 +328,7 @@ def parse_own_table(data: bytes, kind: str, path: str | Path) -> pd.DataFrame:
         If the table is of another dialect, or not valid.
     """
     with faults_of(path):
-        return _CHECKS[kind](parse_columns(data, *_ID_COLUMNS))
+        return check_table(parse_columns(data, *_ID_COLUMNS), kind)
 
 
 def _is_own_dialect(data: bytes, kind: str) -> bool:
@@ -342,11 +336,14 @@ def _is_own_dialect(data: bytes, kind: str) -> bool:
     head = _first_line(data)
     if "\t" in head:
         return False
-    required = {column.name for column in _COLUMNS[kind] if column.required}
     header = _header_of(head)
     # Names that stand twice, or with blanks about them, are for the reader of dialects, too.
     has_blanks = any(cell != cell.strip() for cell in cells_of(head))
-    if not required <= set(header) or len(set(header)) < len(header) or has_blanks:
+    if (
+        not set(required_columns(kind)) <= set(header)
+        or len(set(header)) < len(header)
+        or has_blanks
+    ):
         return False
     try:
         data.decode("utf-8-sig")

@@ -1,8 +1,14 @@
-"""Decoding of text that other programs wrote, in whatever encoding."""
+"""Text that other programs wrote: of whatever encoding, and the times in it."""
 
 from __future__ import annotations
 
 import codecs
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from flgpr.door import read_named
+from flgpr.store.store_layout import MAX_MEMORY
 
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig", "UTF-8"),
@@ -56,6 +62,11 @@ def decode_text(data: bytes, name: str, notes: list[str] | None = None) -> str:
     return text
 
 
+def read_text(path: Path, notes: list[str]) -> str:
+    """Read a text file that a user named, of up to MAX_MEMORY bytes, by :func:`decode_text`."""
+    return decode_text(read_named(path, MAX_MEMORY), path.name, notes)
+
+
 def _encoding_of(data: bytes) -> tuple[str, str]:
     """Return the codec of a text and the name of its encoding."""
     for mark, codec, encoding in _MARKS:
@@ -70,3 +81,29 @@ def _encoding_of(data: bytes) -> tuple[str, str]:
         if even.count(0) > _LEAST_ZEROS * len(even) and 0 not in odd:
             return "utf-16-be", "UTF-16 without a mark"
     return "utf-8", "UTF-8"
+
+
+def zoned_time(text: Any) -> datetime | None:
+    """Return a time of ISO 8601 with a time zone; None for what is none.
+
+    Parameters
+    ----------
+    text : Any
+        Value of an entry or a cell, which may be something else than text.
+
+    Returns
+    -------
+    datetime or None
+        The time, in its own zone.
+    """
+    try:
+        moment = datetime.fromisoformat(text)
+    except (TypeError, ValueError):
+        return None
+    return None if moment.tzinfo is None else moment
+
+
+def utc_text(moment: datetime) -> str:
+    """Return a time with a zone in UTC as KML, GPX, CPHD and SigMF have it."""
+    in_utc = moment.astimezone(UTC).replace(tzinfo=None)
+    return in_utc.isoformat(timespec="microseconds") + "Z"

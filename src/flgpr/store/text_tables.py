@@ -10,9 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from flgpr.budget import Budget
-from flgpr.door import read_named
-from flgpr.store.store_layout import MAX_MEMORY
-from flgpr.store.text import decode_text
+from flgpr.store.text import read_text
 from flgpr.store.writing import plain_text
 from flgpr.types import AnyArray, Arrays
 
@@ -100,7 +98,7 @@ def text_columns(path: Path) -> dict[str, list[str]]:
 
 def _blocks(path: Path, notes: list[str]) -> list[tuple[str, list[_Line]]]:
     """Return the lines of a text by the blocks of BEGIN and END; a single one if there is none."""
-    text = decode_text(read_named(path, MAX_MEMORY), path.name, notes)
+    text = read_text(path, notes)
     if "\x00" in text:
         raise ValueError("it holds zero bytes and is no text")
     # Every line and every mark between cells becomes a text of its own.
@@ -185,13 +183,9 @@ def _unnamed_table(rows: list[_Row], columns: list[AnyArray | None]) -> AnyArray
     numeric = [column for column in columns if column is not None]
     if len(numeric) == len(columns):
         return np.stack(numeric, axis=1)
-    for row in rows:
-        for cell in row.cells:
-            if _number(cell) is None:
-                raise ValueError(
-                    f"line {row.number} must hold numbers, got {cell.strip()!r}; {_HINT}"
-                )
-    raise ValueError(f"every column must hold numbers; {_HINT}")
+    cells = ((row.number, cell) for row in rows for cell in row.cells)
+    line, text = next((line, cell) for line, cell in cells if _number(cell) is None)
+    raise ValueError(f"line {line} must hold numbers, got {text.strip()!r}; {_HINT}")
 
 
 def _named_columns(

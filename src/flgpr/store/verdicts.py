@@ -7,11 +7,11 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from flgpr.door import read_named
 from flgpr.json_text import check_format, parse_json
-from flgpr.model.faults import first_fault
+from flgpr.model.faults import first_fault_of
 from flgpr.store.files import existing
 
 VERDICTS = ("mine", "unsure", "clutter")
@@ -131,10 +131,8 @@ def check_verdicts(content: Any) -> list[dict[str, Any]]:
     if not isinstance(content, dict):
         content = {}
     check_format(content, VERDICTS_FORMAT, VERDICTS_VERSION)
-    try:
+    with first_fault_of(_Verdicts):
         notes = _Verdicts.model_validate(content).notes
-    except ValidationError as error:
-        raise ValueError(first_fault(error, _Verdicts)) from None
     checked = [note.model_dump() for note in notes]
     alarms = {verdict_key(note) for note in checked}
     if len(alarms) < len(checked):

@@ -9,13 +9,12 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
-    ValidationError,
     field_validator,
     model_validator,
 )
 
 from flgpr.json_text import canonical_json, parse_json, sha256
-from flgpr.model.faults import first_fault
+from flgpr.model.faults import first_fault_of
 
 VIEW_FORMAT = "flgpr-view"
 VIEW_VERSION = 1
@@ -161,8 +160,6 @@ def check_view_index(index: Any) -> dict[str, Any]:
     head = (index.get("format"), index.get("version")) if isinstance(index, dict) else ()
     if head != (VIEW_FORMAT, VIEW_VERSION):
         raise ValueError(f"it must be {VIEW_FORMAT} version {VIEW_VERSION}")
-    try:
+    with first_fault_of(_Index, "it"):
         _Index.model_validate(index)
-    except ValidationError as error:
-        raise ValueError(first_fault(error, _Index, "it")) from None
     return dict(index)

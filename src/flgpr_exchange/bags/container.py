@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from flgpr.door import check_expansion, open_named
+from flgpr.model.printable import in_one_line
 from flgpr.store.extras import MissingExtraError, optional
 
 SCHEMA = 3
@@ -138,7 +139,7 @@ class McapContainer:
         except (MissingExtraError, TooLargeError):
             raise
         except Exception as error:  # whatever a library raises on what is damaged
-            fault = " ".join(str(error).split())[:160] or type(error).__name__
+            fault = in_one_line(error, 160)
         read: Counter[int] = Counter()
         stop = 0
         while stop < len(data):

@@ -24,6 +24,7 @@ from flgpr.formats.arrays import open_arrays
 from flgpr.formats.draft_mapping import draft_of_file
 from flgpr.formats.reader import Explanation, Reader
 from flgpr.json_text import parse_json
+from flgpr.model.printable import in_one_line
 from flgpr.store.extras import optional
 from flgpr.types import AnyArray, Entries, Notes
 from flgpr_exchange.bags.cdr import MOST_MESSAGE, Decoder, message_decoder
@@ -340,7 +341,7 @@ class Recording:
             try:
                 decoder = message_decoder(schema.name, schema.data.decode("utf-8"))
             except ValueError as error:
-                series.fault = f"not read: {' '.join(str(error).split())[:160]}"
+                series.fault = f"not read: {in_one_line(error, 160)}"
                 return None
             if schema.name.endswith("TFMessage"):
                 self._series.pop(topic)
@@ -388,7 +389,7 @@ def _decoded(decode: Decoder, data: bytes, series: _Series, take: Callable[[Entr
         return take(decode(data))
     except (ValueError, KeyError, IndexError, OverflowError, RecursionError) as error:
         series.damaged += 1
-        series.fault = " ".join(str(error).split())[:120] or type(error).__name__
+        series.fault = in_one_line(error, 120)
         return _DAMAGED
 
 
@@ -498,8 +499,8 @@ class McapReader(Reader):
     def open_arrays(self, path: Path, limit: int) -> ArrayFile:
         """Open the fields of all topics as arrays over their messages."""
         recording = Recording(path, limit)
-        arrays, lines, notes = recording.arrays, recording.lines, recording.notes
-        return ArrayFile(path, self.kind, arrays, recording.read, limit, lines, notes)
+        lines, notes = recording.lines, recording.notes
+        return ArrayFile(path, self.kind, recording.arrays, recording.read, limit, lines, notes)
 
     def explain(self, path: Path, limit: int) -> Explanation:
         """Return the topics: the arrays are too many, and take too long, to read them all."""

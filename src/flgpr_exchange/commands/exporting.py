@@ -23,6 +23,7 @@ from flgpr.geo.geodesy import transform_lonlat
 from flgpr.geo.geotiff import write_geotiff
 from flgpr.geo.points import STATEMENT, georeference, write_earth_csv, write_earth_geojson
 from flgpr.method.detection import MAIN, Detection
+from flgpr.model.run import polarizations_of
 from flgpr.results.result import Result, read_result
 from flgpr.results.score import read_scored_truth
 from flgpr.store import open_run, sha256
@@ -30,6 +31,7 @@ from flgpr.store.dialects import TableReading, parse_columns_option
 from flgpr.store.files import existing
 from flgpr.store.outputs import atomic_output
 from flgpr.store.tables import parse_table
+from flgpr.store.text import zoned_time
 from flgpr.store.writing import json_value, write_table
 from flgpr.types import AnyArray
 from flgpr_exchange.cphd.phase_history import write_cphd
@@ -102,11 +104,8 @@ def export_sigmf(wish: Wish) -> Path:
 
 def moment_of(time: str, limits: str = "") -> datetime:
     """Return a time of ISO 8601 with a time zone; ``limits`` are what the error says besides."""
-    try:
-        moment = datetime.fromisoformat(time)
-    except ValueError:
-        moment = datetime.min
-    if moment.tzinfo is None:
+    moment = zoned_time(time)
+    if moment is None:
         raise ValueError(f"time must be ISO 8601 with a time zone{limits}, got {time!r}")
     return moment
 
@@ -310,10 +309,8 @@ def alarm_channel(result: Result, detection: Detection) -> int:
 
     The first one where the result does not say.
     """
-    channels = itertools.product(
-        detection.view["polarization"].values.astype(str),
-        detection.view["subband"].values.astype(str),
-    )
+    subbands = detection.view["subband"].values.astype(str)
+    channels = itertools.product(polarizations_of(detection.view), subbands)
     raised = tuple(result.files().json("view/index.json")["channel"])
     return next((number for number, one in enumerate(channels) if one == raised), 0)
 

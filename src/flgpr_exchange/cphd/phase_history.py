@@ -30,7 +30,7 @@ from flgpr.store.extras import optional
 from flgpr.store.files import existing
 from flgpr.store.outputs import atomic_output
 from flgpr.types import AnyArray, ComplexArray, FloatArray, floats
-from flgpr_exchange.cphd.tree import ADDED, TIME, Vectors, metadata_tree
+from flgpr_exchange.cphd.tree import ADDED, TIME, Vectors, leg, metadata_tree
 
 _ATMOSPHERE = ("TDTropoSRP", "TDIonoSRP")
 """Delays of a vector that the atmosphere makes."""
@@ -125,7 +125,7 @@ def write_cphd(
 
     names = list(signals)
     with _without_sarkits_warnings():
-        tree = metadata_tree(run, names, vectors, anchor, scene, time, begin)
+        tree = metadata_tree(run, vectors, anchor, scene, begin)
         root = sarkit.ElementWrapper(tree.getroot())
     dtype = sarkit.get_pvp_dtype(tree)
     records = {name: np.zeros(len(time), dtype) for name in names}
@@ -343,7 +343,7 @@ def _assembled(head: _Head, channels: dict[str, _Channel], anchor: Anchor | None
     for polarization, names in enumerate(names_of.values()):
         for pair, name in enumerate(names):
             samples, vectors = channels[name]
-            path = _leg(vectors, "TxPos") + _leg(vectors, "RcvPos")
+            path = leg(vectors, "TxPos") + leg(vectors, "RcvPos")
             if "AmpSF" in vectors:
                 samples = samples * vectors["AmpSF"][:, None]
             # SGN is the sign of the phase of a delay: a run has -1.
@@ -398,11 +398,6 @@ def _notes(channels: dict[str, _Channel], sign: int) -> list[str]:
             "are not taken off"
         )
     return notes
-
-
-def _leg(vectors: Vectors, name: str) -> FloatArray:
-    """Return the distance (scan,) of an antenna from the reference point, m."""
-    return floats(np.linalg.norm(vectors[name] - vectors["SRPPos"], axis=1))
 
 
 def _frequency(channels: dict[str, _Channel], added: dict[str, str]) -> FloatArray:

@@ -13,8 +13,10 @@ import xarray as xr
 from flgpr.geo.anchor import Anchor
 from flgpr.json_text import canonical_json
 from flgpr.model import POSE_COMPONENTS, Grid
+from flgpr.model.run import polarizations_of
 from flgpr.store.extras import optional
-from flgpr.types import Arrays, Entries, FloatArray
+from flgpr.store.text import utc_text
+from flgpr.types import Arrays, Entries, FloatArray, floats
 from flgpr_exchange.documents import document
 
 Vectors = Arrays
@@ -30,11 +32,9 @@ _CORNERS = ((-1, 1), (1, 1), (1, -1), (-1, -1))
 
 def metadata_tree(
     run: xr.Dataset,
-    names: list[str],
     vectors: dict[str, Vectors],
     anchor: Anchor,
     scene: Grid,
-    time: FloatArray,
     begin: datetime | None = None,
 ) -> Any:
     """Return the XML tree of a run's channels.
@@ -43,16 +43,13 @@ def metadata_tree(
     ----------
     run : xarray.Dataset
         The run.
-    names : list of str
-        Names of the channels, ``PAIR_POLARIZATION``.
     vectors : dict of str to dict
-        Parameters of the vectors of every channel, in the order in which a file has them.
+        Parameters of the vectors of every channel, in the order in which a file has them, by the
+        names of the channels, ``PAIR_POLARIZATION``.
     anchor : Anchor
         States where the lane lies.
     scene : Grid
         The ground the data are about, in the lane frame.
-    time : (scan,) ndarray of float
-        Times of the scans, s.
     begin : datetime, optional
         Time of the first scan; by default the beginning of 1970.
 
@@ -66,10 +63,9 @@ def metadata_tree(
     MissingExtraError
         If sarkit is not installed.
     """
-    first = vectors[names[0]]
+    first = next(iter(vectors.values()))
     layout, vector_bytes = _layout(first)
-    out = np.linalg.norm(first["TxPos"] - first["SRPPos"], axis=1)
-    back = np.linalg.norm(first["RcvPos"] - first["SRPPos"], axis=1)
+    out, back = leg(first, "TxPos"), leg(first, "RcvPos")
     # The pulse is at the reference point after the way out, a share of the time there and back.
     two_way_time = first["RcvTime"] - first["TxTime"]
     reached = first["TxTime"] + out / (out + back) * two_way_time
@@ -85,9 +81,9 @@ def metadata_tree(
         "flgpr_exchange.cphd",
         "metadata.xml",
         title=str(run.attrs.get("title", "run"))[:_LONGEST_TITLE] or "run",
-        begin=(begin or _UNKNOWN).astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ"),
-        first_time=float(time[0]),
-        last_time=float(time[-1]),
+        begin=utc_text(begin or _UNKNOWN),
+        first_time=float(first["TxTime"][0]),
+        last_time=float(first["TxTime"][-1]),
         lowest=float(first["FX1"][0]),
         highest=float(first["FX2"][0]),
         nearest=float(first["TOA1"][0]),
@@ -96,7 +92,7 @@ def metadata_tree(
         scene=scene,
         scans=run.sizes["scan"],
         tones=run.sizes["frequency"],
-        channels=[_channel(run, name) for name in names],
+        channels=[_channel(run, name) for name in vectors],
         added=added,
         layout=layout,
         vector_bytes=vector_bytes,
@@ -107,6 +103,11 @@ def metadata_tree(
     # Times of a long run are more text than a parser takes from anybody.
     parser = etree.XMLParser(remove_blank_text=True, remove_comments=True, huge_tree=True)
     return etree.fromstring(text, parser).getroottree()
+
+
+def leg(vectors: Vectors, name: str) -> FloatArray:
+    """Return the distance (scan,) of an antenna from the reference point, m."""
+    return floats(np.linalg.norm(vectors[name] - vectors["SRPPos"], axis=1))
 
 
 def _place(anchor: Anchor, scene: Grid) -> Entries:
@@ -129,8 +130,7 @@ def _place(anchor: Anchor, scene: Grid) -> Entries:
 def _channel(run: xr.Dataset, name: str) -> Entries:
     """Return name and polarization of a channel, and whether no sweep of it is missing."""
     pair, label = name.split("_")[:2]
-    labels = [str(one) for one in run["polarization"].values]
-    sweeps = run["valid"].values[:, labels.index(label), int(pair)]
+    sweeps = run["valid"].values[:, polarizations_of(run).index(label), int(pair)]
     return {"name": name, "label": label, "complete": bool(sweeps.all())}
 
 

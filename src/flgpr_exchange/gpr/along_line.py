@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from flgpr.model.frames import steps_of
 from flgpr.types import AnyArray, BoolArray, FloatArray, Notes, floats
 from flgpr_exchange.gpr.parts import Header, note_count
 
@@ -125,7 +126,7 @@ def way_along(positions: FloatArray, what: str, notes: Notes) -> FloatArray | No
         The distance, see :func:`measured_distance`.
     """
     notes.append(f"the distance along the line is that of the traces' coordinates, {what}")
-    distance = np.append(0.0, np.hypot(*np.diff(positions[:, :2], axis=0).T).cumsum())
+    distance = np.append(0.0, steps_of(positions).cumsum())
     if len(positions) >= _LEAST_JUDGED:
         distance = _without_scatter(positions[:, :2], distance, notes)
     return measured_distance(distance, None, "distances from trace to trace", "the header", notes)
@@ -139,10 +140,7 @@ def scatter_of(positions: FloatArray) -> str:
     if len(positions) <= _EVERY:
         return ""
     coarse = np.append(np.arange(0, len(positions), _EVERY), len(positions) - 1)
-    way, shorter = (
-        float(np.hypot(*np.diff(places, axis=0).T).sum())
-        for places in (positions, positions[coarse])
-    )
+    way, shorter = (float(steps_of(places).sum()) for places in (positions, positions[coarse]))
     if way <= _SCATTER * shorter:
         return ""
     return (

@@ -275,13 +275,14 @@ def _frequencies(heads: list[Entries], notes: Notes) -> tuple[float | None, ...]
     frequencies: list[float | None] = []
     for channel, name in enumerate(names):
         of_set = set_frequency(names[0], channel) if channel else None
-        if antenna_frequency(name, "GSSI", channel) is None and of_set is not None:
+        is_unknown = antenna_frequency(name, "GSSI", channel) is None
+        if is_unknown and of_set is not None:
             notes.append(
                 f"the antenna of channel {channel} is taken as the second of {names[0]!r}: "
                 f"{of_set / 1e6:g} MHz"
             )
             frequencies.append(of_set)
-        elif antenna_frequency(name, "GSSI", channel) is None and is_mini_xt:
+        elif is_unknown and is_mini_xt:
             notes.append("its system is a StructureScan Mini XT, whose antenna is taken")
             frequencies.append(antenna_frequency("SSMINIXT", "GSSI"))
         else:

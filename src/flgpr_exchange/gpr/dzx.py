@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from flgpr.budget import Budget
+from flgpr.model.printable import in_one_line
 from flgpr.types import FloatArray, Notes, floats
 from flgpr_exchange.gpr.parts import length_unit, read_companion
 
@@ -55,8 +56,7 @@ def read_dzx(path: Path | None, count: int, notes: Notes) -> DzxContent:
         content = re.sub(r"^\s*<\?xml[^>]*\?>", "", text)
         root = ElementTree.fromstring(content)  # noqa: S314  # entities are refused
     except (ValueError, ElementTree.ParseError) as error:
-        reason = " ".join(str(error).split())
-        notes.append(f"{path.name} was found and not understood: {reason[:120]}")
+        notes.append(f"{path.name} was found and not understood: {in_one_line(error, 120)}")
         return DzxContent()
     unit = _text_of(root, "horizontalUnit")
     scale = length_unit(unit or "m")

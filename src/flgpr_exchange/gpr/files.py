@@ -20,7 +20,7 @@ from flgpr.types import Entries, Notes
 from flgpr_exchange.gpr.dt1 import read_dt1
 from flgpr_exchange.gpr.dzt import read_dzt
 from flgpr_exchange.gpr.ids import read_ids
-from flgpr_exchange.gpr.mala import read_impulse, read_mala
+from flgpr_exchange.gpr.mala import read_mala
 from flgpr_exchange.gpr.ogpr import read_ogpr
 from flgpr_exchange.gpr.parts import MissingHeaderError
 from flgpr_exchange.gpr.positions import Fixes
@@ -111,7 +111,7 @@ READERS: dict[str, tuple[str, Callable[[Path, int, list[str]], Entries]]] = {
     ".dzt": ("GSSI DZT", read_dzt),
     ".rd3": ("MALÅ RD3", read_mala),
     ".rd7": ("MALÅ RD7", read_mala),
-    ".iprb": ("ImpulseRadar IPRB", read_impulse),
+    ".iprb": ("ImpulseRadar IPRB", read_mala),
     ".dt": ("IDS DT", read_ids),
     ".sgy": ("SEG-Y", read_segy),
     ".segy": ("SEG-Y", read_segy),

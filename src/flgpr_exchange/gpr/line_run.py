@@ -23,7 +23,12 @@ from flgpr.store.store_layout import MAX_MEMORY
 from flgpr.types import ComplexArray, Entries, FloatArray, IntArray, Notes
 from flgpr_exchange.gpr.files import NOT_READ, READERS, read_gpr
 from flgpr_exchange.gpr.parts import INTERVALS, MissingHeaderError, note_count
-from flgpr_exchange.gpr.places import doubts_of_fixes, options_that_place, trace_poses
+from flgpr_exchange.gpr.places import (
+    doubts_of_fixes,
+    options_that_place,
+    poses_by_distance,
+    poses_by_fixes,
+)
 
 _BLOCK = 512  # traces that are transformed at a time
 _LOWEST = 1e6  # Hz, below which no run has tones
@@ -112,7 +117,8 @@ def gpr_run(
             "it is no line of one offset and makes no run"
         )
 
-    delay = _delay(section.delay_of(channel), time_zero, window)
+    stated = section.delay_of(channel)
+    delay = _delay(stated, time_zero, window)
     apart = section.separation if separation is None else separation
     if apart is None:
         apart = 0.0
@@ -126,10 +132,30 @@ def gpr_run(
     middle = np.zeros((1, 3))
     if section.offsets is not None:
         middle[0, :2] = section.offsets[channel]
-    notes += _replaced(section, channel, step, time_zero, window, separation)
+    _note_given("separation", separation, section.separation, "m", notes)
+    _note_given("time window", window, (stated[1] - stated[0]) * stated.size, "s", notes)
+    _note_given("time zero", time_zero, -float(stated[0]), "s", notes)
+    if step is not None and section.distance is not None:
+        notes.append(
+            f"equal steps of {step:.6g} m are given in place of the file's "
+            f"{section.distance.size} places"
+        )
     nominal = section.frequencies[channel]
     chosen_band = _band(band, nominal, delay, notes)
-    traces, pose = trace_poses(section, step, height, anchor, topography, notes)
+    if anchor is None:
+        if topography:
+            raise ValueError(
+                "topography needs an anchor and a receiver's heights: "
+                "give `anchor` or anchor_from_track"
+            )
+        traces, pose = poses_by_distance(section, step, height, notes)
+    else:
+        if step is not None:
+            raise ValueError(
+                "step tells distances along the line, an anchor puts the traces on the satellite "
+                f"receiver's positions: give one, got step {step:g} m and an anchor"
+            )
+        traces, pose = poses_by_fixes(section, height, anchor, topography, notes)
     note_count(notes, len(section.marks), "marks of the operator are not kept in the run")
     signal, tones = _signal(section, channel, traces, delay, chosen_band)
 
@@ -304,36 +330,13 @@ def antennas_band(frequencies: Sequence[float], lowest: float, highest: float) -
     return ReasonedBand(low, high, f"a quarter to twice the {whose}{within}")
 
 
-def _replaced(
-    section: GprSection,
-    channel: int,
-    step: float | None,
-    time_zero: float | None,
-    window: float | None,
-    separation: float | None,
-) -> list[str]:
-    """Return in lines what was given in place of what the file states."""
-    delay = section.delay_of(channel)
-    values: dict[str, tuple[float | None, float | None, str]] = {
-        "separation": (separation, section.separation, "m"),
-        "time window": (window, (delay[1] - delay[0]) * delay.size, "s"),
-        "time zero": (time_zero, -float(delay[0]), "s"),
-    }
-    lines = []
-    for name, (replacement, stated, unit) in values.items():
-        if replacement is None or stated is None:
-            continue
-        if not math.isclose(replacement, stated, rel_tol=1e-9, abs_tol=1e-15):
-            lines.append(
-                f"{name} {replacement:.6g} {unit} is given in place of the file's, "
-                f"{stated:.6g} {unit}"
-            )
-    if step is not None and section.distance is not None:
-        lines.append(
-            f"equal steps of {step:.6g} m are given in place of the file's "
-            f"{section.distance.size} places"
-        )
-    return lines
+def _note_given(
+    name: str, given: float | None, stated: float | None, unit: str, notes: Notes
+) -> None:
+    """Note what was given in place of what the file states, if it is another value."""
+    if given is None or stated is None or math.isclose(given, stated, rel_tol=1e-9, abs_tol=1e-15):
+        return
+    notes.append(f"{name} {given:.6g} {unit} is given in place of the file's, {stated:.6g} {unit}")
 
 
 def _signal(

@@ -54,23 +54,20 @@ _IMPULSE = _Maker(
     no_wheel=("TRIG SOURCE", "time"),
     unread=(".mrk", ".time", ".gps"),
 )
+_FILES: dict[str, tuple[_Maker, float | None]] = {
+    ".rd3": (_MALA, 16),
+    ".rd7": (_MALA, 32),
+    ".iprb": (_IMPULSE, None),
+}
+"""Maker of a file by its ending, and its bits a sample; None where the header states them."""
 
 
 def read_mala(path: Path, limit: int, notes: Notes) -> Entries:
-    """Read an RD3 or RD7.
+    """Read an RD3, RD7 or IPRB.
 
     Parameters, entries and errors are those of :func:`flgpr_exchange.gpr.dt1.read_dt1`.
     """
-    return _read(path, limit, _MALA, 32 if path.suffix.lower() == ".rd7" else 16, notes)
-
-
-def read_impulse(path: Path, limit: int, notes: Notes) -> Entries:
-    """Read an IPRB; parameters, entries and errors are those of :func:`read_mala`."""
-    return _read(path, limit, _IMPULSE, None, notes)
-
-
-def _read(path: Path, limit: int, maker: _Maker, bits: float | None, notes: Notes) -> Entries:
-    """Read a recording of so many bits a sample; None takes what the header states."""
+    maker, bits = _FILES[path.suffix.lower()]
     head = read_header(path, maker.header, ":", notes)
     samples = int(head.needed("SAMPLES", 2, MOST_SAMPLES))
     fastest = _MICROSECOND / INTERVALS[0]

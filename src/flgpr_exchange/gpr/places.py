@@ -10,6 +10,7 @@ from flgpr.formats.section import GprSection
 from flgpr.geo.anchor import Anchor
 from flgpr.geo.track_anchor import is_astray
 from flgpr.model.bounds import LARGEST
+from flgpr.model.frames import steps_of, wrapped
 from flgpr.model.motion import Motion, judge_poses, some_steps
 from flgpr.model.plausible import MotionLimits
 from flgpr.model.track import course, make_track, poses_at
@@ -26,15 +27,10 @@ _CLOSE = 20.0  # m that the path of a receiver without corrections may be off
 _SLIP = 2  # times the traces' own distance that positions may lie apart
 
 
-def trace_poses(
-    section: GprSection,
-    step: float | None,
-    height: float,
-    anchor: Anchor | None,
-    topography: bool,
-    notes: Notes,
+def poses_by_distance(
+    section: GprSection, step: float | None, height: float, notes: Notes
 ) -> tuple[IntArray, FloatArray]:
-    """Return the traces that have a pose, and their poses.
+    """Return all traces of a line that is put along +y, and their poses.
 
     Parameters
     ----------
@@ -44,10 +40,6 @@ def trace_poses(
         Distance between traces, m, in place of the file's.
     height : float
         Height of the antennas over the ground, m.
-    anchor : Anchor or None
-        Takes the satellite receiver's positions to the lane; without one the line runs along +y.
-    topography : bool
-        Whether the receiver's heights are used.
     notes : list of str
         Notes are added to it.
 
@@ -61,20 +53,8 @@ def trace_poses(
     Raises
     ------
     ValueError
-        If positions, heights or distances that are needed are missing.
+        If the step is none that traces have, or no distances are known.
     """
-    if anchor is not None:
-        if step is not None:
-            raise ValueError(
-                "step tells distances along the line, an anchor puts the traces on the satellite "
-                f"receiver's positions: give one, got step {step:g} m and an anchor"
-            )
-        return _poses_by_fixes(section, height, anchor, topography, notes)
-    if topography:
-        raise ValueError(
-            "topography needs an anchor and a receiver's heights: "
-            "give `anchor` or anchor_from_track"
-        )
     if step is not None and not 1e-5 <= step <= 1e3:
         raise ValueError(f"step must be from 1e-5 to 1e3 m, got {step:g}")
     count = len(section.traces)
@@ -93,10 +73,34 @@ def trace_poses(
     return np.arange(count), pose
 
 
-def _poses_by_fixes(
+def poses_by_fixes(
     section: GprSection, height: float, anchor: Anchor, topography: bool, notes: Notes
 ) -> tuple[IntArray, FloatArray]:
-    """Return the traces between the receiver's first and last position, and their poses."""
+    """Return the traces between the satellite receiver's first and last position, and their poses.
+
+    Parameters
+    ----------
+    section : GprSection
+        The line.
+    height : float
+        Height of the antennas over the ground, m.
+    anchor : Anchor
+        Takes the receiver's positions to the lane.
+    topography : bool
+        Whether the receiver's heights are used.
+    notes : list of str
+        Notes are added to it.
+
+    Returns
+    -------
+    traces, poses
+        As of :func:`poses_by_distance`.
+
+    Raises
+    ------
+    ValueError
+        If positions or heights that are needed are missing.
+    """
     if len(section.fixes) < 2:
         reasons = [note for note in section.history if any(word in note for word in _OF_FIXES)]
         raise ValueError(
@@ -264,7 +268,7 @@ def doubts_of_fixes(section: GprSection) -> list[str]:
     lines = [note.replace("left out, which", later) for note in notes]
     if section.distance is None or len(trace) < 2:
         return lines
-    by_receiver = float(np.hypot(*np.diff(position[:, :2], axis=0).T).sum())
+    by_receiver = float(steps_of(position).sum())
     first = math.ceil(trace[0])
     last = math.floor(trace[-1])
     by_traces = float(np.abs(np.diff(section.distance[first : last + 1])).sum())
@@ -285,6 +289,6 @@ def _near_middle(fixes: FloatArray) -> FloatArray:
     longitude, latitude = np.radians(fixes[:, 1:3]).T
     middle = float(np.median(latitude))
     # The difference of longitudes is wrapped: a line may cross the date line.
-    difference = np.angle(np.exp(1j * (longitude - np.median(longitude))))
+    difference = wrapped(longitude - np.median(longitude))
     east = difference * math.cos(middle)
     return _EARTH * np.stack([east, latitude - middle, np.zeros_like(east)], axis=1)

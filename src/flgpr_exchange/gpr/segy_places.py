@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from flgpr.model.frames import steps_of
 from flgpr.types import AnyArray, FloatArray, Notes, floats
 from flgpr_exchange.gpr.along_line import between_neighbours, gather_of_separations, way_along
 from flgpr_exchange.gpr.parts import float64, note_count
@@ -201,7 +202,7 @@ def _are_degrees(points: FloatArray) -> bool:
     As lengths they stand still; as degrees they go at the pace of traces.
     """
     longitude, latitude = np.abs(points).max(axis=0)
-    step = float(np.median(np.hypot(*np.diff(points, axis=0).T))) if len(points) > 1 else 0.0
+    step = float(np.median(steps_of(points))) if len(points) > 1 else 0.0
     is_far = np.abs(points).max() > _STANDING * len(points)
     return bool(longitude <= 180 and latitude <= 90 and is_far and 0 < step < _STANDING / 10)
 

@@ -113,14 +113,13 @@ def make_decks(
     decks.omissions = _left_out(scene, world, sensor) + omissions
     runs = _runs(decks, scene, sensor, poses, antennas, grid, centre, window)
     tx, rx = sensor.pairs()
-    axis = sensor.tones
     decks.manifest = {
         "format": FORMAT,
         "title": scene.name,
         "seed": seed,
         "sensor": sensor.name,
         "polarization": list(sensor.polarization),
-        "tones": {"start": axis.start, "step": axis.step, "count": axis.count},
+        "tones": sensor.tones.model_dump(),
         "tx_position": tx.tolist(),
         "rx_position": rx.tolist(),
         "pose": poses.tolist(),

@@ -15,6 +15,7 @@ from flgpr.types import ArrayLike, BoolArray, Complex128Array, FloatArray, float
 # Errors of ε' and of ε'' at which no further pole is tried.
 _TOLERANCE_REAL = 0.002
 _TOLERANCE_LOSS = 0.03
+_MOST_POLES = 3
 
 
 def numbers(*values: float) -> str:
@@ -169,7 +170,7 @@ class RelaxingMedium(NamedTuple):
 
 
 def fit_relaxation(
-    frequency: ArrayLike, permittivity: ArrayLike, shortest: float, most_poles: int = 3
+    frequency: ArrayLike, permittivity: ArrayLike, shortest: float
 ) -> RelaxingMedium:
     """Fit a relaxing medium to a permittivity ε' - jε'' over a band.
 
@@ -185,8 +186,6 @@ def fit_relaxation(
         ε' from 1 on, ε'' not negative.
     shortest : float
         Shortest relaxation time, s, that the solver's time step allows.
-    most_poles : int
-        Most poles.
 
     Raises
     ------
@@ -202,7 +201,7 @@ def fit_relaxation(
     longest = 10 / (2 * math.pi * f.min())
     times = np.geomspace(shortest, max(longest, 1.01 * shortest), 25)
     best = _fit_terms(f, eps, ())
-    for count in range(1, most_poles + 1):
+    for count in range(1, _MOST_POLES + 1):
         if best.excess() <= 1:
             break
         # Triples of all times would be too many.

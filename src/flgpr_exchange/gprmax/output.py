@@ -20,6 +20,7 @@ import numpy as np
 from flgpr.formats.array_file import LIMIT
 from flgpr.formats.arrays import check_dataset, open_arrays
 from flgpr.formats.child import parts_elsewhere
+from flgpr.model.printable import in_one_line
 from flgpr.types import ArrayLike, Complex128Array, FloatArray, floats
 
 _MERGED = (
@@ -144,12 +145,12 @@ def faults_of_result(path: Path) -> Iterator[None]:
     try:
         yield
     except _DAMAGE as error:
-        message = " ".join(str(error).split())[:200]
         raise ValueError(
-            f"{path}: cannot be read as a result of gprMax: it is damaged ({message})"
+            f"{path}: cannot be read as a result of gprMax: it is damaged "
+            f"({in_one_line(error, 200)})"
         ) from None
     except ValueError as error:  # of h5py, too: for numbers of a type that NumPy has not
-        message = " ".join(str(error).split())
+        message = in_one_line(error)
         raise ValueError(
             message if message.startswith(str(path)) else f"{path}: {message}"
         ) from None

@@ -7,7 +7,6 @@ not thereby free of hazards.
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from flgpr.store.extras import optional
 from flgpr.store.files import write_whole
 from flgpr.store.notes import log_note
 from flgpr.store.outputs import atomic_output
+from flgpr.store.text import utc_text, zoned_time
 from flgpr.store.writing import json_value
 from flgpr.types import Entries, FloatArray
 from flgpr_exchange.documents import document
@@ -86,17 +86,10 @@ def _marks(points: pd.DataFrame) -> list[Entries]:
         entries = {str(name): json_value(value) for name, value in row.items()}
         names = [row[key] for key in _KEYS if isinstance(row.get(key), str)]
         mark = {"name": names[0] if names else f"{number}", "row": row, "entries": entries}
-        marks.append(mark | {"time": _in_utc(row["time"]), "about": _in_words(entries)})
+        moment = zoned_time(row["time"])
+        time = "" if moment is None else utc_text(moment)
+        marks.append(mark | {"time": time, "about": _in_words(entries)})
     return marks
-
-
-def _in_utc(time: Any) -> str:
-    """Return a time with a zone as KML and GPX have it; "" for what is none."""
-    try:
-        moment = datetime.fromisoformat(time)
-    except (TypeError, ValueError):
-        return ""
-    return "" if moment.tzinfo is None else f"{moment.astimezone(UTC):%Y-%m-%dT%H:%M:%S.%fZ}"
 
 
 def _in_words(entries: Entries) -> str:

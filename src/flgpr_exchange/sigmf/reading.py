@@ -13,7 +13,6 @@ import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +22,7 @@ from flgpr.door import MOST_JSON, Folder, read_named
 from flgpr.formats.array_file import ArrayFile, ArrayInfo, from_memory
 from flgpr.formats.reader import Reader
 from flgpr.json_text import MOST_VALUES, parse_json
+from flgpr.store.text import zoned_time
 from flgpr.types import AnyArray, Arrays, Entries, FloatArray, Notes
 
 VERSION = "1.2.5"
@@ -326,7 +326,8 @@ class SigmfRecording:
         """Take times and places of captures as numbers."""
         times = self._arrays.get("captures/datetime")
         if times is not None and times.dtype.kind == "U" and times.ndim == 1:
-            seconds = np.array([_seconds(str(text)) for text in times])
+            moments = [zoned_time(str(text)) for text in times]
+            seconds = np.array([math.nan if one is None else one.timestamp() for one in moments])
             self._arrays["captures/time"] = seconds
             self._units["captures/time"] = "s"
             self._note_bad("core:datetime", int(np.isnan(seconds[times != ""]).sum()))
@@ -505,15 +506,6 @@ def _leaves(values: list[Any]) -> list[Any]:
         else:
             leaves.append(value)
     return leaves
-
-
-def _seconds(text: str) -> float:
-    """Return a time of ISO 8601 with a time zone in s since 1970; NaN where it is none."""
-    try:
-        moment = datetime.fromisoformat(text)
-    except ValueError:
-        return math.nan
-    return math.nan if moment.tzinfo is None else moment.timestamp()
 
 
 def _coordinates(point: Any) -> FloatArray:

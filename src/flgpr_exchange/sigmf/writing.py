@@ -17,8 +17,10 @@ from flgpr.door import MOST_JSON
 from flgpr.json_text import MOST_VALUES, count_values
 from flgpr.model import check_run
 from flgpr.model.printable import printable
+from flgpr.model.run import polarizations_of
 from flgpr.store.notes import log_note
 from flgpr.store.outputs import atomic_output
+from flgpr.store.text import utc_text
 from flgpr.toml_text import toml_value
 from flgpr.types import Entries
 from flgpr_exchange.sigmf.reading import DATA, META, NAMESPACE, VERSION
@@ -176,7 +178,7 @@ def _global(run: xr.Dataset, digest: str) -> Entries:
     title = str(run.attrs.get("title", ""))
     if title:
         entries["core:description"] = title
-    entries[f"{NAMESPACE}:polarization"] = run["polarization"].values.astype(str).tolist()
+    entries[f"{NAMESPACE}:polarization"] = polarizations_of(run)
     for name in ("frequency", "tx_position", "rx_position"):
         entries[f"{NAMESPACE}:{name}"] = run[name].values.tolist()
     return entries
@@ -219,12 +221,11 @@ def _moment(time: datetime | None, times: np.ndarray[Any, Any], scan: int) -> st
     if not math.isfinite(seconds):
         return None
     try:
-        moment = time.astimezone(UTC) + timedelta(seconds=seconds)
+        return utc_text(time.astimezone(UTC) + timedelta(seconds=seconds))
     except OverflowError:
         raise ValueError(
             f"time of scan {scan} must lie in the years 1 to 9999, got {seconds:g} s after {time}"
         ) from None
-    return moment.replace(tzinfo=None).isoformat(timespec="microseconds") + "Z"
 
 
 def _mapping(run: xr.Dataset, name: str) -> str:
@@ -234,7 +235,7 @@ def _mapping(run: xr.Dataset, name: str) -> str:
         title=_text_value(run.attrs.get("title", "")),
         source=_text_value(run.attrs.get("source", "")),
         data=_text_value(escape(f"{name}{META}")),  # it is a pattern of names
-        polarization=toml_value([str(label) for label in run["polarization"].values]),
+        polarization=toml_value(polarizations_of(run)),
         tones=run.sizes["frequency"],
         polarizations=run.sizes["polarization"],
         pairs=run.sizes["pair"],

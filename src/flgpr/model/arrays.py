@@ -1,1 +1,0 @@
-"""Names for the types of arrays."""
