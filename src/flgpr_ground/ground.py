@@ -10,7 +10,7 @@ from fnmatch import fnmatchcase
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -35,6 +35,7 @@ from flgpr.store import (
 from flgpr.store.files import existing
 from flgpr.store.lane_file import lane_file_of
 from flgpr.toml_text import parse_toml
+from flgpr.types import Entries
 
 GROUNDS = ("proving-ground-2", "proving-ground-1", "full-wave-2", "full-wave-1")
 """The packaged descriptions, the first by default."""
@@ -144,7 +145,7 @@ class Description(Table):
     fars: tuple[float, ...]
     far: float
     reference: str
-    scene: dict[str, Any]
+    scene: Entries
     sites: dict[str, str] = Field(default_factory=dict)  #: of a ground without tiers
     #: grounds of the same design at other sites, scored apart
     tiers: dict[str, TierRow] = Field(default_factory=dict)
@@ -446,7 +447,7 @@ def packaged_text(name: str) -> str:
         return (resources.files("flgpr_ground") / name).read_text("utf-8")
 
 
-def _quick_form(data: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
+def _quick_form(data: Entries, over: Entries) -> Entries:
     """Lay the table ``quick`` over a description, of which only what the table names stays."""
     for table in ("lanes", "splits"):
         rows = over.pop(table, {})

@@ -19,6 +19,7 @@ from flgpr.store import open_run, read_manifest, write_table, write_whole
 from flgpr.store.outputs import log_finished
 from flgpr.store.run_writer import is_finished
 from flgpr.store.tables import parse_columns
+from flgpr.types import Entries
 from flgpr_ground.entries import packaged_entries
 from flgpr_ground.ground import Ground, load_ground
 from flgpr_ground.lane_data import LaneData, lane_data
@@ -138,7 +139,7 @@ def make_lane(quick: bool, ground: str, name: str, folder: str) -> Report:
     return {"lane": name}
 
 
-def fingerprint(folder: Path, name: str) -> dict[str, Any]:
+def fingerprint(folder: Path, name: str) -> Entries:
     """Return a lane's digest, and the rms of its echoes by polarization.
 
     By the rms lanes of machines are compared that compute other bits.

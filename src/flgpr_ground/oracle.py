@@ -22,7 +22,15 @@ from flgpr.model import Grid, Lane, ground_points, lane_to_scan
 from flgpr.recipe.schema import load_recipe
 from flgpr.simulate import Simulator
 from flgpr.store import open_run, write_whole
-from flgpr.types import AnyArray, ArrayLike, Complex128Array, ComplexArray, FloatArray, IntArray
+from flgpr.types import (
+    AnyArray,
+    ArrayLike,
+    Complex128Array,
+    ComplexArray,
+    Entries,
+    FloatArray,
+    IntArray,
+)
 from flgpr_ground.ground import Ground, GroundLane, load_ground
 from flgpr_ground.lanes import SEALED, passphrase, read_ground
 from flgpr_trials.blind import open_truth
@@ -213,7 +221,7 @@ def _look_at_site(
         looks, echoes = looks_at_mines(setup, lane, mines)
         for number, target in enumerate(mines.to_dict("records")):
             at_mine = looks.place == number
-            row: dict[str, Any] = {
+            row: Entries = {
                 "site": site,
                 "lane": lane.name,
                 "target_id": target["target_id"],

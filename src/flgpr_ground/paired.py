@@ -28,7 +28,7 @@ from flgpr.scoring.comparison import found_from, paired_points
 from flgpr.scoring.matching import Match
 from flgpr.store import write_whole
 from flgpr.store.tables import read_table_in
-from flgpr.types import BoolArray, FloatArray
+from flgpr.types import BoolArray, Entries, FloatArray
 from flgpr_ground.citing import bibtex, latex_table
 from flgpr_ground.entering import SHOWN
 from flgpr_ground.entries import packaged_entries
@@ -72,7 +72,7 @@ class Pair:
         """Return which mines an entry finds at the FAR of comparison."""
         return np.asarray(self.targets[f"far_{number}"] <= self.tier.table.far)
 
-    def differences(self, fars: Sequence[float]) -> list[dict[str, Any]]:
+    def differences(self, fars: Sequence[float]) -> list[Entries]:
         """Return the difference of Pd, first less second, with its 95 % interval at FARs per m²."""
         return paired_points(*self.matches, fars, self.mines)
 

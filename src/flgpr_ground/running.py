@@ -27,6 +27,7 @@ from flgpr.stages.too_few import check_classes
 from flgpr.store import sha256, write_table, write_whole
 from flgpr.store.lane_file import lane_file_of
 from flgpr.store.tables import parse_columns, read_table_in
+from flgpr.types import Entries
 from flgpr_ground.card import CARD
 from flgpr_ground.entries import ORACLES, Entry, find_entry, packaged_entries
 from flgpr_ground.ground import Ground, GroundLane, in_tier, load_ground
@@ -48,7 +49,7 @@ def read_costs(folder: Path) -> Costs:
     return dict(Folder(folder).json(COSTS)) if Folder(folder).has(COSTS) else {}
 
 
-def measured_cost(ground: Ground, name: str, entry: Path) -> dict[str, Any]:
+def measured_cost(ground: Ground, name: str, entry: Path) -> Entries:
     """Return what an entry cost where it was run."""
     metres = lane_seconds = training_seconds = 0.0
     peaks = []
@@ -371,7 +372,7 @@ def made_of(entry: Entry) -> str:
 def write_about(ground: Ground, entry: Entry, folder: Path, fault: str = "") -> None:
     """Write what an entry is, and why it did not finish if so."""
     folder.mkdir(parents=True, exist_ok=True)
-    about: dict[str, Any] = {
+    about: Entries = {
         "ground": ground.title,
         "entry": entry.name,
         "title": entry.title,

@@ -28,6 +28,7 @@ from flgpr.scoring.matching import Match
 from flgpr.store import sha256, write_whole
 from flgpr.store.outputs import log_finished
 from flgpr.store.tables import parse_columns, read_table_in
+from flgpr.types import Entries
 from flgpr_ground.card import entered_card, parse_card
 from flgpr_ground.entries import ORACLES, packaged_entries
 from flgpr_ground.figures import split_figure, tiers_figure
@@ -83,8 +84,8 @@ def score_entries(folders: Sequence[str | Path]) -> tuple[pd.DataFrame, pd.DataF
     """
     benchmarks = [Path(folder) for folder in folders]
     ground = common_ground(benchmarks)
-    rows: list[dict[str, Any]] = []
-    costs = []
+    rows: list[Entries] = []
+    costs: list[Entries] = []
     for tier in ground.chosen_tiers():
         column = {"tier": tier.tier} if tier.tier else {}
         references = {}
@@ -132,7 +133,7 @@ def _reference_alarms(folders: Sequence[Path], ground: Ground, split: str) -> pd
 
 def _stored_score(
     ground: Ground, folder: Path, name: str, split: str, reference: pd.DataFrame | None
-) -> list[dict[str, Any]]:
+) -> list[Entries]:
     """Return the score of an entry's alarms of a split.
 
     A score of the same alarms beside the same reference is read where it was stored.
@@ -169,9 +170,7 @@ def _score_key(
     return sha256(text.encode())[:_KEY_DIGITS]
 
 
-def _rows(
-    ground: Ground, split: str, matched: Match, reference: Match | None
-) -> Iterator[dict[str, Any]]:
+def _rows(ground: Ground, split: str, matched: Match, reference: Match | None) -> Iterator[Entries]:
     """Yield the score of all mines, of kinds of targets and packaged bodies, and of every site."""
     groups = _groups(ground, split, matched.truth)
     for group, of_group in groups.items():
@@ -224,7 +223,7 @@ def chosen_mines(ground: Ground, split: str, targets: pd.DataFrame) -> pd.Series
     return kind.isin(kinds) if kinds else kind != "simulant"
 
 
-def _oracle_rows(ground: Ground, false_alarms: pd.DataFrame) -> Iterator[dict[str, Any]]:
+def _oracle_rows(ground: Ground, false_alarms: pd.DataFrame) -> Iterator[Entries]:
     """Yield the score of both oracles in the splits whose targets they know.
 
     Chance is that of strewn alarms.
@@ -263,13 +262,13 @@ def _oracle_rows(ground: Ground, false_alarms: pd.DataFrame) -> Iterator[dict[st
 
 def _points(
     ground: Ground, group: str, matched: Match, rows: Any, reference: Match | None = None
-) -> Iterator[dict[str, Any]]:
+) -> Iterator[Entries]:
     """Yield the score of a group of targets at every allowed FAR."""
     curve = chance(matched).add_chance_column(roc_of(matched, rows), rows)
     fars = ground.table.fars
     points = curve.iloc[operating_row(curve, np.array(fars))].to_dict("records")
     for allowed, point in zip(fars, points, strict=True):
-        row: dict[str, Any] = {"group": group, "far_allowed": allowed}
+        row: Entries = {"group": group, "far_allowed": allowed}
         row |= {name: float(point[name]) for name in ("pd", "pd_low", "pd_high", "chance", "far")}
         if math.isnan(row["chance"]):
             # The targets lie too close to be moved clear of all halos.

@@ -7,13 +7,13 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
 from flgpr.jobs.workers import Executor, InProcess, Processes
 from flgpr.progress import Track, silent
 from flgpr.store import write_whole
+from flgpr.types import Entries
 from flgpr_papers.kit.findings import OPEN, read_findings
 from flgpr_papers.kit.page import log_if_unchanged, study_html
 from flgpr_papers.kit.settings import PAPERS
@@ -96,7 +96,7 @@ def _run_all_studies(folder: Path, quick: bool, track: Track, workers: int, worl
     overview = folder / overview_name(world)
     executor = Processes(workers) if workers > 1 else InProcess()
     with log_if_unchanged(overview), executor:
-        finished: Iterable[dict[str, Any]] = (study_page(*job, track) for job in jobs)
+        finished: Iterable[Entries] = (study_page(*job, track) for job in jobs)
         if workers > 1:
             _run_parts(executor, jobs, track)
             finished = track(executor.run(study_page, jobs), "papers", len(jobs))
@@ -218,9 +218,7 @@ def parts_of(paper: str, quick: bool) -> list[str] | list[None]:
     return [None] if parts is None else parts(quick)
 
 
-def study_part(
-    paper: str, folder: str, quick: bool, world: str, part: str | None
-) -> dict[str, Any]:
+def study_part(paper: str, folder: str, quick: bool, world: str, part: str | None) -> Entries:
     """Run a part of a study in a worker process; its results are then on disk."""
     if part is None:
         run_study(paper, Path(folder), quick, world=world)

@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 
 from flgpr.detect.scorers.checks import Checked, StoredScorer, refuse_unless
-from flgpr.types import AnyArray, FloatArray, IntArray, floats
+from flgpr.types import AnyArray, Entries, FloatArray, IntArray, floats
 
 _LEAF = -1
 _COLUMNS = ("left", "right", "feature", "split")
@@ -127,7 +127,7 @@ def _check_paths(trees: Trees, features: int) -> None:
     raise ValueError(f"trees must be at most {_LARGEST_DEPTH} nodes deep, got one that is deeper")
 
 
-def _table_of(tree: Any) -> dict[str, Any]:
+def _table_of(tree: Any) -> Entries:
     """Return the nodes of one of scikit-learn's trees."""
     columns = (tree.children_left, tree.children_right, tree.feature, tree.threshold)
     return dict(zip(_COLUMNS, columns, strict=True))

@@ -22,7 +22,7 @@ from flgpr.screen import select
 from flgpr.screen.views import grid_of
 from flgpr.stages import FeatureStage, Positive, Setup, Table, TrainingView
 from flgpr.stages.too_few import Change, Tally, TooFewExamplesError
-from flgpr.types import Arrays, FloatArray
+from flgpr.types import Arrays, Entries, FloatArray
 from flgpr_ground.features.dictionaries import (
     Mixture,
     Whitening,
@@ -240,7 +240,7 @@ class _LearntPatterns(PatchStage):
     size_entry: ClassVar[str] = ""  #: entry of the recipe that is the dictionary's size
 
     @classmethod
-    def fit(cls, settings: Any, examples: list[TrainingView]) -> tuple[Arrays, dict[str, Any]]:
+    def fit(cls, settings: Any, examples: list[TrainingView]) -> tuple[Arrays, Entries]:
         """Learn principal directions and a dictionary from patches of the training lanes.
 
         Labels are not looked at.

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import product
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.clutter import ClutterWhitener
 from flgpr.detect import (
@@ -24,6 +22,7 @@ from flgpr.features import range_cuts, stack_channels
 from flgpr.kernels.moments import LEAST_OGK, sample_moments
 from flgpr.scoring import offset_boxes
 from flgpr.stages.forms import samples_at
+from flgpr.types import AnyArray, Complex128Array, ComplexArray, Float32Array, FloatArray
 from flgpr_papers.cosgrove2004.images import Look, lane_looks, lane_seed
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
 
@@ -110,24 +109,20 @@ def _deflection(recipe: StudyRecipe, looks: Sequence[Look], name: str) -> dict[s
     return score_looks(recipe, [look for look in looks if not look.trains], {name: made})
 
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-
-
 @dataclass(frozen=True)
 class Training:
     """What a lane's training looks teach."""
 
     whitener: ClutterWhitener  #: mean and covariance of the clutter
     #: (n_samples, n_features) whitened target cuts, taken where the mines are brightest
-    white: ComplexArray
+    white: Complex128Array
     #: (n_samples, n_features) whitened target cuts, taken where survey and refraction place the
     #: mines
-    surveyed: ComplexArray
-    pixels: ComplexArray  #: (n_pixels, n_polarizations) clutter pixels
+    surveyed: Complex128Array
+    pixels: Complex128Array  #: (n_pixels, n_polarizations) clutter pixels
     unshrunk: ClutterWhitener  #: whitener with sample moments
     clutter_energy: float  #: mean energy of the whitened clutter samples
-    clutter: NDArray[Any]  #: (n_samples, n_features) clutter cuts as imaged
+    clutter: AnyArray  #: (n_samples, n_features) clutter cuts as imaged
 
 
 @dataclass
@@ -179,7 +174,7 @@ def learn(recipe: StudyRecipe, looks: Sequence[Look]) -> Training:
     )
 
 
-def target_cut(recipe: StudyRecipe, look: Look) -> NDArray[np.complex64]:
+def target_cut(recipe: StudyRecipe, look: Look) -> ComplexArray:
     """Return the range cut (1, n_features) through a mine where it appears."""
     shape = (recipe.cut.length, 1)
     names = recipe.cut.polarizations
@@ -217,8 +212,8 @@ def chip_detector(
 def detectors(
     recipe: StudyRecipe,
     training: Training,
-    signatures: ComplexArray | None = None,
-    sand_cuts: ComplexArray | None = None,
+    signatures: Complex128Array | None = None,
+    sand_cuts: Complex128Array | None = None,
 ) -> dict[str, ChipDetector]:
     """Return every detector of the study for one lane, by name.
 
@@ -267,7 +262,7 @@ def detectors(
 
 
 def _cut_detectors(
-    recipe: StudyRecipe, training: Training, sand_cuts: ComplexArray | None
+    recipe: StudyRecipe, training: Training, sand_cuts: Complex128Array | None
 ) -> dict[str, DeflectionDetector | NeymanPearsonDetector]:
     """Return the detectors of whitened cuts: the ranks of the study, and what is tried beside."""
     white = training.white
@@ -288,7 +283,7 @@ def _cut_detectors(
     return trained
 
 
-def calibrated(training: Training, signatures: ComplexArray) -> ComplexArray:
+def calibrated(training: Training, signatures: Complex128Array) -> Complex128Array:
     """Whiten simulated signatures and scale them to the examples' mean energy over the clutter.
 
     Parameters
@@ -354,7 +349,7 @@ def score_looks(
 
 
 def box_values(
-    image: NDArray[np.float32],
+    image: Float32Array,
     x: FloatArray,
     y: FloatArray,
     centre: FloatArray,
@@ -393,7 +388,7 @@ def box_values(
     return peak, high
 
 
-def _quantile(values: NDArray[np.float32], share: float) -> float:
+def _quantile(values: Float32Array, share: float) -> float:
     """Return a quantile by linear interpolation; for small arrays much quicker than NumPy's."""
     below, fraction = divmod(share * (values.size - 1), 1)
     k = int(below)
@@ -403,7 +398,7 @@ def _quantile(values: NDArray[np.float32], share: float) -> float:
 
 
 def eigenvalue_ratios(
-    recipe: StudyRecipe, training: Training, cuts: ComplexArray | None = None
+    recipe: StudyRecipe, training: Training, cuts: Complex128Array | None = None
 ) -> FloatArray:
     """Return the largest six eigenvalues of Â over the first (Cosgrove et al. 2004, Sec. IV-A).
 
@@ -428,7 +423,7 @@ def eigenvalue_ratios(
     return np.asarray(sigma[:6] / sigma[0])
 
 
-def eigenvectors(recipe: StudyRecipe, training: Training) -> ComplexArray:
+def eigenvectors(recipe: StudyRecipe, training: Training) -> Complex128Array:
     """Return the first six eigenvectors (6, n_features) of Â, whitening undone, of norm one.
 
     See Cosgrove et al. 2004, Fig. 6.

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from flgpr.scoring import pd_at
+from flgpr.types import Entries
 from flgpr_papers.cosgrove2004.findings import Case, case_curve, example_means, found_looks
 from flgpr_papers.cosgrove2004.images import (
     WIDE_MINES,
@@ -23,11 +22,10 @@ from flgpr_papers.cosgrove2004.images import (
     study_sensor,
 )
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
-from flgpr_papers.kit.figures import Figures, colour_bar, decibels, show
+from flgpr_papers.kit.figures import Figures, Panels, colour_bar, decibels, show
 
 _figure = Figures("cosgrove2004")
 _STYLE = {"HH": ("#c1440e", "--"), "VV": ("#1b5e9b", "-")}
-Panels = NDArray[Any]
 _ZOOMED = 0.9  # Pd; a panel whose curves all lie above it is enlarged
 _CURVES = {"deflection": "#1b1b1b", "PWF": "#1b5e9b", "HH": "#c1440e"}
 
@@ -43,7 +41,7 @@ class Measured:
     image: xr.DataArray  #: of three mines in dry sand, first seed
 
 
-def _columns(measured: Measured, _: str) -> dict[str, Any]:
+def _columns(measured: Measured, _: str) -> Entries:
     """Return a column of panels for every soil."""
     return {"columns": len(measured.recipe.soils)}
 
@@ -246,7 +244,7 @@ def _stacked(axes: Axes, recipe: StudyRecipe) -> None:
     """Label the polarizations of a feature vector and separate them."""
     length = recipe.cut.length
     axes.axvline(length - 0.5, color="#999", lw=0.8)
-    style: dict[str, Any] = {"ha": "center", "va": "bottom", "color": "#666", "fontsize": 8}
+    style: Entries = {"ha": "center", "va": "bottom", "color": "#666", "fontsize": 8}
     for k, name in enumerate(recipe.cut.polarizations):
         axes.text((k + 0.5) * length, 1.01, name, transform=axes.get_xaxis_transform(), **style)
     axes.set(xlim=(0, length * len(recipe.cut.polarizations) - 1))

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.scoring import operating_row, pd_at, peak_roc
 from flgpr.scoring.curve import held_pd_mean
+from flgpr.types import ArrayLike, Entries, FloatArray
 from flgpr_papers.cosgrove2004.detect import FORMS, alone, example_name
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
 from flgpr_papers.kit.findings import UNDECIDED, WORTH, Finding, in_words, shows
@@ -31,8 +31,7 @@ from flgpr_papers.kit.intervals import (
 )
 from flgpr_papers.kit.statements import Statements
 
-FloatArray = NDArray[np.float64]
-Case = dict[str, Any]
+Case = Entries
 """What was measured on a lane, as JSON can hold it."""
 PAPER_RATIOS = (1, 0.089, 0.075, 0.028, 0.019, 0.014)  # eigenvalues over the first (IV-A)
 PAPER_PD = 0.9  # at 0.01 false alarms per m²
@@ -241,7 +240,7 @@ def _judge(
     return replace(finding, shown=(sum(shows(value, rule) for value in values), values.size))
 
 
-def _words(recipe: StudyRecipe) -> dict[str, Any]:
+def _words(recipe: StudyRecipe) -> Entries:
     """Return what stands for fields of many statements."""
     return {"pd": f"Pd at {recipe.score.pfa:g} per m²", "rank": recipe.detector.rank}
 
@@ -264,7 +263,7 @@ def _detector_statements(recipe: StudyRecipe, looks: Looks) -> list[Finding]:
         if (soil, FORMS[1]) in looks.found:
             statements.append(against("few-examples", soil, ours, FORMS[1]))
     best = max(titles, key=lambda soil: looks.pd(soil, ours)[0])
-    papers: dict[str, Any] = {"stated": PAPER_PD, "looks": PAPER_LOOKS, "soil": titles[best]}
+    papers: Entries = {"stated": PAPER_PD, "looks": PAPER_LOOKS, "soil": titles[best]}
     # The paper's Pd is a share of its own number of looks.
     figure = proportion(PAPER_PD * PAPER_LOOKS, PAPER_LOOKS)
     pds = looks.pd(best, ours), looks.seeds(best, ours)
@@ -423,7 +422,7 @@ def _premise_statements(recipe: StudyRecipe, sand: Sequence[Case]) -> list[Findi
         table = np.array(looks, dtype=np.float64)
         return _judge(recipe, name, share_of_looks(table), table.mean(axis=1), **fields)
 
-    words: dict[str, Any]
+    words: Entries
     statements = []
     for name in recipe.cut.polarizations:
         # The signatures are the same for every seed: their mines are the sample.

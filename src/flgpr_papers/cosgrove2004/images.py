@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.clutter import scan_gain, self_signature
 from flgpr.imaging import ImagingOperator, ScanImager
@@ -28,10 +27,10 @@ from flgpr.scoring import refraction_shift
 from flgpr.simulate import ALONE, BARE, Scene, Simulator
 from flgpr.simulate.scene.scene import Target
 from flgpr.simulate.simulator import system_response
+from flgpr.types import BoolArray, ComplexArray, Entries, FloatArray
 from flgpr_papers.cosgrove2004.recipe import Site, StudyRecipe
 from flgpr_papers.kit.scenes import changed, turned
 
-FloatArray = NDArray[np.float64]
 Bands = Mapping[str, tuple[float, float]]
 """Bands, Hz, by name."""
 BAND = "band"
@@ -162,7 +161,7 @@ def lane_seed(recipe: StudyRecipe, name: str, seed: int) -> int:
 
 def lane_scene(
     recipe: StudyRecipe, site: Site, seed: int, share: float
-) -> tuple[Scene, NDArray[np.bool_], FloatArray]:
+) -> tuple[Scene, BoolArray, FloatArray]:
     """Lay mines of all depths in random order, one before each stop.
 
     Returns the scene, whether each mine trains, and its depth (m), in the order of the stops.
@@ -192,7 +191,7 @@ def lane_scene(
     return scene, trains[order], depths
 
 
-def _mine(site: Site, slot: float, depth: float, rng: np.random.Generator) -> dict[str, Any]:
+def _mine(site: Site, slot: float, depth: float, rng: np.random.Generator) -> Entries:
     """Lay a mine near its slot, leaning a little, at about its depth."""
     lean, roll = rng.normal(0, np.radians(4), 2)
     return site.mine(
@@ -250,7 +249,7 @@ def from_other_end(scene: Scene, seed: int) -> Scene:
 def stop_looks(
     recipe: StudyRecipe,
     simulator: Simulator,
-    signal: Iterable[NDArray[np.complex64]],
+    signal: Iterable[ComplexArray],
     signature: str,
     mines: Iterable[tuple[float, bool]],
     targets: Sequence[Target] | None = None,
@@ -278,7 +277,7 @@ def stop_looks(
     return looks
 
 
-def _run_of(simulator: Simulator, data: NDArray[np.complex64], *time: Any) -> xr.Dataset:
+def _run_of(simulator: Simulator, data: ComplexArray, *time: Any) -> xr.Dataset:
     """Return the run of a simulated lane with other data."""
     tx, rx = simulator.sensor.pairs()
     names = list(simulator.sensor.polarization)
@@ -375,7 +374,7 @@ def point_response(recipe: StudyRecipe, filtered: bool) -> PointResponse:
     return PointResponse(offset, offset, down / down.max(), cross / cross.max())
 
 
-def signature_cuts(recipe: StudyRecipe) -> tuple[FloatArray, NDArray[np.complex64]]:
+def signature_cuts(recipe: StudyRecipe) -> tuple[FloatArray, ComplexArray]:
     """Return the range cut through a mine in dry sand without clutter and errors (Fig. 3).
 
     Parameters

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from flgpr.model import Grid
+from flgpr.model.bounds import AtLeastOne, NotNegative, Positive
 from flgpr.stages.forms import CutSettings
+from flgpr.types import BoolArray, Entries, FloatArray
 from flgpr_papers.kit.settings import Table, packaged
 from flgpr_papers.kit.study_worlds import OWN, study_world
 
 SOILS = ("sand", "gravel", "clay")
-Positive = Annotated[float, Field(gt=0)]
 
 
 class Radar(Table):
@@ -54,13 +54,13 @@ class Cut(Table):
     """Range cut: polarizations stacked and number of samples of each."""
 
     polarizations: tuple[str, ...]
-    length: Annotated[int, Field(ge=1)]
+    length: AtLeastOne
 
 
 class Training(Table):
     """How target and clutter samples are taken; lengths in m, steps in pixels."""
 
-    search: Annotated[float, Field(ge=0)]
+    search: NotNegative
     clear: Positive
     clutter_step: tuple[int, int]
     moments: str
@@ -78,10 +78,10 @@ class Score(Table):
     """How detectors are scored, by boxes at the mines and away from them."""
 
     box: Positive  #: side of a box, m
-    clearance: Annotated[float, Field(ge=0)]  #: of clutter boxes from a mine's box, m
+    clearance: NotNegative  #: of clutter boxes from a mine's box, m
     quantile: Annotated[float, Field(gt=0, le=1)]  #: tried in place of the peak of a box
     pfa: Positive  #: false alarms per m² at which detectors are compared
-    rock: Annotated[float, Field(ge=0)]  #: distance at which a rock is near a box, m
+    rock: NotNegative  #: distance at which a rock is near a box, m
 
 
 class Premises(Table):
@@ -96,7 +96,7 @@ class Premises(Table):
     fourth_moment: tuple[float, float]  #: of complex Gaussian clutter, E|z|⁴ / (E|z|²)² is 2
     humps_across: tuple[float, float]  #: mean number of humps across that is called no structure
     width_across: Positive  #: least width of mines across, in widths of an ideal point
-    clutter_thinning: Annotated[int, Field(ge=1)]  #: of so many clutter cuts one is measured
+    clutter_thinning: AtLeastOne  #: of so many clutter cuts one is measured
 
 
 class Study(Table):
@@ -110,7 +110,7 @@ class Sweeps(Table):
     """What is tried beside the study, on the lanes of its first seeds."""
 
     seeds: Annotated[int, Field(ge=0)]  #: number of seeds
-    mines: Annotated[int, Field(ge=1)]  #: of a further lane, seen twice, from which examples come
+    mines: AtLeastOne  #: of a further lane, seen twice, from which examples come
     numbers: tuple[int, ...]  #: numbers of examples
     ranks: tuple[int, ...]  #: ranks of the detectors trained on them
     bands: dict[str, tuple[float, float]]  #: Hz, by name; the first is held to be the best
@@ -126,14 +126,14 @@ class Site(Table):
     training: dict[str, int]
     test: dict[str, int]
 
-    def mine(self, **position: float) -> dict[str, Any]:
+    def mine(self, **position: float) -> Entries:
         """Return a mine of this lane at a position, as scenes hold targets."""
-        entries: dict[str, Any] = {"kind": self.kind}
+        entries: Entries = {"kind": self.kind}
         if self.body is not None:
             entries["body"] = self.body
         return entries | position
 
-    def depths(self, share: float = 1.0) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    def depths(self, share: float = 1.0) -> tuple[FloatArray, BoolArray]:
         """Return the depth of every mine, m, and whether it belongs to the training set.
 
         Parameters

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
 from scipy.signal import find_peaks
 
 from flgpr.clutter import ClutterWhitener
@@ -20,11 +19,11 @@ from flgpr.features import range_cuts
 from flgpr.kernels.widths import half_power
 from flgpr.scoring import offset_boxes
 from flgpr.stages.forms import samples_at
+from flgpr.types import AnyArray, ArrayLike, Entries, FloatArray
 from flgpr_papers.cosgrove2004.detect import box_values
 from flgpr_papers.cosgrove2004.images import WIDE_MINES, Look
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
 
-FloatArray = NDArray[np.float64]
 _ACROSS = 1.0  # m, half length of the cut across a mine
 
 
@@ -70,9 +69,7 @@ def fourth_moment_ratio(white: ArrayLike) -> float:
     return float(np.mean(np.mean(power**2, axis=0) / np.mean(power, axis=0) ** 2))
 
 
-def look_measures(
-    recipe: StudyRecipe, looks: Sequence[Look], whitener: ClutterWhitener
-) -> dict[str, Any]:
+def look_measures(recipe: StudyRecipe, looks: Sequence[Look], whitener: ClutterWhitener) -> Entries:
     """Measure the images of mines and of the clutter around them.
 
     Parameters
@@ -171,7 +168,7 @@ def wide_boxes(recipe: StudyRecipe, image: xr.DataArray) -> list[tuple[float, Fl
     return peaks
 
 
-def _cut_measures(recipe: StudyRecipe, cuts: NDArray[Any]) -> dict[str, list[Any]]:
+def _cut_measures(recipe: StudyRecipe, cuts: AnyArray) -> dict[str, list[Any]]:
     """Return the measures of cuts by polarization."""
     length = recipe.cut.length
     measures: dict[str, list[Any]] = {}

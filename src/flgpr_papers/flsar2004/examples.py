@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.features import (
     SurveyOffset,
@@ -31,10 +30,10 @@ from flgpr.stages.clusters import (
     TemplateSettings,
     templates_of,
 )
+from flgpr.types import AnyArray, BoolArray, ComplexArray, Entries, Float32Array
 from flgpr_papers.flsar2004.lanes import Pass, RadiusIs, Settings
 from flgpr_papers.flsar2004.machines import Examples
 
-FloatArray = NDArray[np.float64]
 POLARIZATIONS = ("HH", "VV")
 ANTENNA_HEIGHT = 3.5
 """Height of the antennas above the ground, m."""
@@ -47,8 +46,8 @@ class Site:
     name: str
     #: (polarization, range, y, x) images; the phase of the way to the pixel at the middle of the
     #: band is taken out
-    wave: NDArray[np.complex64]
-    image: NDArray[np.float32]  #: (polarization, range, y, x) their magnitudes
+    wave: ComplexArray
+    image: Float32Array  #: (polarization, range, y, x) their magnitudes
     grid: Grid  #: pixels of the strip
     #: one row per mine and drive: x, y in the strip, kind, depth, target (the same for both
     #: drives), subset
@@ -124,7 +123,7 @@ def _survey_offsets(settings: Settings, drive: Pass) -> dict[str, SurveyOffset]:
     return offsets
 
 
-def _draw_subset(settings: Settings, site: str, mines: pd.DataFrame) -> NDArray[Any]:
+def _draw_subset(settings: Settings, site: str, mines: pd.DataFrame) -> AnyArray:
     """Draw the mines of the subset: a share of all, and at least four."""
     names = np.sort(mines["target"].unique())
     rng = np.random.default_rng(settings.seed + settings.sites.index(site))
@@ -134,7 +133,7 @@ def _draw_subset(settings: Settings, site: str, mines: pd.DataFrame) -> NDArray[
 
 def signatures(
     settings: Settings, site: Site, subset: bool, magnitude: bool = True
-) -> tuple[NDArray[Any], pd.DataFrame]:
+) -> tuple[AnyArray, pd.DataFrame]:
     """Cut images of template size about the mines: those of the subset, or all the others.
 
     Parameters
@@ -179,7 +178,7 @@ VARIANTS = {
 }
 
 
-def make_templates(settings: Settings, site: Site, variant: Variant = MAIN) -> NDArray[Any]:
+def make_templates(settings: Settings, site: Site, variant: Variant = MAIN) -> AnyArray:
     """Compute templates from the subset's signatures.
 
     Complex signatures have any phase, as mines do not lie where they are surveyed to a part of a
@@ -214,7 +213,7 @@ def make_templates(settings: Settings, site: Site, variant: Variant = MAIN) -> N
 
 
 def open_examples(
-    settings: Settings, site: Site, templates: NDArray[Any], magnitude: bool = True
+    settings: Settings, site: Site, templates: AnyArray, magnitude: bool = True
 ) -> Examples:
     """Return the examples without prescreener and their features.
 
@@ -246,7 +245,7 @@ def open_examples(
 def _with_features(
     settings: Settings,
     site: Site,
-    templates: NDArray[Any],
+    templates: AnyArray,
     table: pd.DataFrame,
     magnitude: bool = True,
 ) -> Examples:
@@ -344,7 +343,7 @@ def clutter_past_prescreeners(
 
 def clutter_clusters(
     site: Site, screen: ClusterScreen, halo: float
-) -> Iterator[tuple[Any, Any, Any, pd.DataFrame, NDArray[np.bool_]]]:
+) -> Iterator[tuple[Any, Any, Any, pd.DataFrame, BoolArray]]:
     """Yield every image with its ellipse, its limits, its clusters, and which of them are clutter.
 
     The parameters are those of :func:`clutter_past_prescreeners`.
@@ -363,7 +362,7 @@ def _training(site: Site) -> TrainingView:
     return TrainingView(site.view, site.mines[site.mines["subset"]], site.lanes[0])
 
 
-def _sizes(settings: Settings) -> dict[str, Any]:
+def _sizes(settings: Settings) -> Entries:
     """Return the sizes in the settings of the recipe's stages; all of the subset trains them."""
     return {
         "region": settings.features.region,
@@ -373,7 +372,7 @@ def _sizes(settings: Settings) -> dict[str, Any]:
 
 
 def screened_examples(
-    settings: Settings, site: Site, templates: NDArray[Any], regions: pd.DataFrame
+    settings: Settings, site: Site, templates: AnyArray, regions: pd.DataFrame
 ) -> Examples:
     """Return screened regions as examples with features, labelled by the mines within the halo.
 

@@ -7,13 +7,13 @@ those about signatures, templates and prescreeners, and the table of all parts.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from flgpr.features import principal_templates
 from flgpr.stages.clusters import ClusterScreen
+from flgpr.types import Entries
 from flgpr_papers.flsar2004.examples import (
     MAIN,
     POLARIZATIONS,
@@ -275,14 +275,14 @@ def variants(material: Material) -> Results:
 
     There is no prescreener; both polarizations, the binary RVM, and mines of all depths.
     """
-    summary: dict[str, Any] = {}
+    summary: Entries = {}
     for site in material.sites:
         for kind in KINDS:
             summary[f"{site.name}, {kind}"] = _variant_summary(material, site, kind)
     return Results(notes={"templates": summary})
 
 
-def _variant_summary(material: Material, site: Site, kind: str) -> dict[str, Any]:
+def _variant_summary(material: Material, site: Site, kind: str) -> Entries:
     """Return the number of every kind of template, and that less the main one's."""
     options = material.settings.classify
     scores: dict[str, HeldOut] = {}
@@ -319,7 +319,7 @@ def sizes(material: Material) -> Results:
     """Count the examples, and record how well the fiducials register the images."""
     results = Results()
     counts = {}
-    registration: dict[str, Any] = {}
+    registration: Entries = {}
     for site, (table, _) in zip(material.sites, material.examples, strict=True):
         kinds = table["kind"].value_counts()
         counts[site.name] = {kind: int(count) for kind, count in kinds.items()}
@@ -519,7 +519,7 @@ def other_screens(material: Material) -> Results:
     for name, regions in tried.items():
         table, _ = screened_examples(settings, site, material.templates[0], regions)
         counts = table["kind"].value_counts()
-        passed: dict[str, Any] = {}
+        passed: Entries = {}
         for kind in KINDS:
             passed[kind] = f"{int(counts.get(kind, 0))} of {int(offered[kind])} pass"
         passed["clutter regions per m²"] = int(counts.get("clutter", 0)) / site.area

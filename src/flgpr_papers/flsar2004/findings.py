@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from flgpr.features import max_correlation, mean_template, principal_templates
 from flgpr.scoring import example_roc
+from flgpr.types import AnyArray, BoolArray, Entries, FloatArray
 from flgpr_papers.flsar2004.examples import Site, make_templates, open_examples
 from flgpr_papers.flsar2004.lanes import Settings
 from flgpr_papers.flsar2004.machines import Examples, HeldOut
@@ -37,7 +37,7 @@ class Results:
     partial: dict[str, Interval] = field(default_factory=dict)
     #: partial areas of scores that know nothing
     chance: dict[str, float] = field(default_factory=dict)
-    notes: dict[str, Any] = field(default_factory=dict)  #: further numbers that the page shows
+    notes: Entries = field(default_factory=dict)  #: further numbers that the page shows
     #: columns of each ROC by figure and label
     curves: dict[str, dict[str, dict[Any, Any]]] = field(default_factory=dict)
 
@@ -74,7 +74,7 @@ class Results:
         self.partial[name] = measure.interval(scores, count)
         self.chance[name] = measure.chance(scores)
 
-    def add(self, record: dict[str, Any]) -> None:
+    def add(self, record: Entries) -> None:
         """Add the results of another part, as read from JSON."""
         self.findings += [finding_of(row) for row in record["findings"]]
         for name in ("areas", "partial", "chance", "notes", "curves"):
@@ -87,7 +87,7 @@ class Material:
 
     settings: Settings
     sites: list[Site]  #: both sites
-    templates: list[NDArray[Any]]  #: templates of each
+    templates: list[AnyArray]  #: templates of each
     examples: list[Examples]  #: examples without prescreener of each
 
     @property
@@ -163,13 +163,12 @@ def thin_examples(examples: Examples, most: tuple[int, int], seed: int) -> Examp
     return _rows_of(examples, np.sort(np.concatenate(drawn)))
 
 
-def _rows_of(examples: Examples, rows: NDArray[Any]) -> Examples:
+def _rows_of(examples: Examples, rows: AnyArray) -> Examples:
     """Return some of the examples."""
     table, X = examples
     return pd.DataFrame(table.iloc[rows]).reset_index(drop=True), X[rows]
 
 
-FloatArray = NDArray[np.float64]
 FAR_LIMIT = 0.07
 """False alarms per m² up to which areas are taken.
 
@@ -351,9 +350,7 @@ def difference(a: HeldOut, b: HeldOut, measure: Measure, count: int) -> Interval
     return percentiles(measure.value(a) - measure.value(b), draws)
 
 
-def pd_count(
-    scores: HeldOut, area: float, far: float, chosen: NDArray[np.bool_]
-) -> tuple[int, int]:
+def pd_count(scores: HeldOut, area: float, far: float, chosen: BoolArray) -> tuple[int, int]:
     """Return how many of the chosen mines are found at an allowed FAR, and how many there are.
 
     Parameters
@@ -428,7 +425,7 @@ def _drawn_targets(table: pd.DataFrame, rng: np.random.Generator) -> pd.DataFram
     return pd.concat([table[table["target"] == name] for name in drawn])
 
 
-def _drawn_rows(chips: NDArray[Any], rng: np.random.Generator) -> NDArray[Any]:
+def _drawn_rows(chips: AnyArray, rng: np.random.Generator) -> AnyArray:
     """Draw as many signatures as there are."""
     return np.asarray(chips[rng.integers(0, len(chips), len(chips))])
 
@@ -445,7 +442,7 @@ def _stronger_share(table: pd.DataFrame, other: pd.DataFrame) -> float:
     return wins / pairs if pairs else float("nan")
 
 
-def component_interval(chips: NDArray[Any], count: int) -> tuple[Interval, Interval]:
+def component_interval(chips: AnyArray, count: int) -> tuple[Interval, Interval]:
     """Return the first principal component's energy, and its cosine with the mean template.
 
     Both are means over polarizations and ranges. Mines are drawn anew in every bootstrap draw.
@@ -461,7 +458,7 @@ def component_interval(chips: NDArray[Any], count: int) -> tuple[Interval, Inter
     return share, cosine
 
 
-def _first_component(chips: NDArray[Any]) -> tuple[float, float]:
+def _first_component(chips: AnyArray) -> tuple[float, float]:
     """Return the first component's share of energy and its cosine with the mean template."""
     shares = []
     cosines = []
@@ -473,7 +470,7 @@ def _first_component(chips: NDArray[Any]) -> tuple[float, float]:
     return float(np.mean(shares)), float(np.mean(cosines))
 
 
-def likeness_interval(a: NDArray[Any], b: NDArray[Any], count: int) -> Interval:
+def likeness_interval(a: AnyArray, b: AnyArray, count: int) -> Interval:
     """Return the largest correlation of two sites' mean templates, with its interval over mines.
 
     It is the mean over polarizations and ranges.
@@ -488,7 +485,7 @@ def likeness_interval(a: NDArray[Any], b: NDArray[Any], count: int) -> Interval:
     return _resampled(_likeness, _drawn_rows, (a, b), min(count, 100), 4)[0]
 
 
-def _likeness(a: NDArray[Any], b: NDArray[Any]) -> float:
+def _likeness(a: AnyArray, b: AnyArray) -> float:
     """Return the largest correlation of mean templates, mean over polarizations and ranges."""
     s = mean_template(a)
     t = mean_template(b)

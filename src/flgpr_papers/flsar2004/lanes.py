@@ -9,7 +9,6 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from flgpr.clutter import self_signature
 from flgpr.clutter.background import scan_gain
@@ -28,12 +27,12 @@ from flgpr.model import (
 from flgpr.progress import Track, silent
 from flgpr.simulate import Scene
 from flgpr.simulate.simulator import Simulator
+from flgpr.types import ComplexArray
 from flgpr_papers.kit.cache import key_of, read_arrays, write_arrays
 from flgpr_papers.kit.scenes import turned
 from flgpr_papers.kit.settings import Table, packaged
 from flgpr_papers.kit.study_worlds import OWN, study_world
 
-FloatArray = NDArray[np.float64]
 RadiusIs = Literal["forming", "size"]
 _SIDE = 0.2  # m of a stop's image beyond the lane's, cross-track
 _BEYOND = 0.75  # m of a stop's image beyond half a step, down-track
@@ -139,7 +138,7 @@ class Pass:
     direction: str  #: "out" or "back"; the frame is that of the drive
     #: (polarization, range, y, x) in units of the scans' gain; the phase of the way to the pixel
     #: at the middle of the band is taken out
-    image: NDArray[np.complex64]
+    image: ComplexArray
     grid: Grid  #: pixels
     truth: pd.DataFrame  #: mines in the frame of the drive
     fiducials: pd.DataFrame  #: fiducials in the frame of the drive
@@ -255,7 +254,7 @@ def _scene(settings: Settings, site: str) -> Scene:
 
 def lane_images(
     settings: Settings, simulator: Simulator, sensor: Sensor, grid: Grid, stops: Iterable[int]
-) -> NDArray[np.complex64]:
+) -> ComplexArray:
     """Image every stop and join one lane image per polarization and range.
 
     The self-signature is subtracted. A pixel of the image of range d comes from the stop that sees

@@ -9,7 +9,6 @@ from typing import Any, cast
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
 from sklearn import config_context
 from sklearn.metrics import roc_auc_score
@@ -26,10 +25,9 @@ from flgpr.detect import (
 )
 from flgpr.detect.one_class import FORMULATIONS
 from flgpr.scoring import splits
+from flgpr.types import AnyArray, BoolArray, FloatArray
 from flgpr_papers.flsar2004.lanes import Classify
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 Scorer = Callable[[FloatArray], FloatArray]
 """A trained classifier: returns the scores (n,) of features (n, feature)."""
 Classifier = Callable[[FloatArray, BoolArray], tuple[Scorer, float]]
@@ -39,7 +37,7 @@ Returns the scorer and the share of the training examples that are vectors.
 """
 Examples = tuple[pd.DataFrame, FloatArray]
 """Table of the examples, and their features (example, feature)."""
-Fold = tuple[Classifier, NDArray[Any], NDArray[Any]]
+Fold = tuple[Classifier, AnyArray, AnyArray]
 """A classifier, and the rows of the examples that train it and that it scores."""
 NOVELTY_RIVALS = (*(f"rvm, {name}" for name in FORMULATIONS), "svm", "gmm")
 """One-class machines: relevance vectors by formulation, support vectors, a Gaussian mixture."""
@@ -250,8 +248,8 @@ class HeldOut:
     mine: FloatArray  #: (n,) scores of the mines; -inf for one that a prescreener lost
     #: (m, repeats) scores of the clutter; a novelty detector scores it in every fold (par. 52)
     clutter: FloatArray
-    target: NDArray[Any]  #: (n,) name of the mine of each score
-    tile: NDArray[Any]  #: (m,) name of each clutter example
+    target: AnyArray  #: (n,) name of the mine of each score
+    tile: AnyArray  #: (m,) name of each clutter example
     vector_share: FloatArray  #: (fold,) share of the training examples that are vectors
 
     def of_mines(self, rows: BoolArray) -> HeldOut:
@@ -422,6 +420,6 @@ def _is_mine(table: pd.DataFrame) -> BoolArray:
     return np.asarray(table["kind"] != "clutter", dtype=np.bool_)
 
 
-def _names(table: pd.DataFrame, is_mine: BoolArray) -> NDArray[Any]:
+def _names(table: pd.DataFrame, is_mine: BoolArray) -> AnyArray:
     """Return the names of the mines, one per look."""
     return table["target"].to_numpy(dtype=str)[is_mine]

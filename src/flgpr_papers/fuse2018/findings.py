@@ -6,15 +6,14 @@ The statements and their rules are declared in ``statements.toml``.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtrit
 
 from flgpr.clutter import TABLE_II
 from flgpr.scoring import compare
+from flgpr.types import ArrayLike, Entries, FloatArray
 from flgpr_papers.fuse2018.lanes import FuseRecipe
 from flgpr_papers.fuse2018.matches import CONVENTIONS, HITS, compared, lane_match, track_match
 from flgpr_papers.fuse2018.process import LaneResult
@@ -28,8 +27,6 @@ from flgpr_papers.kit.intervals import (
     together,
 )
 from flgpr_papers.kit.statements import Statements
-
-FloatArray = NDArray[np.float64]
 
 
 def strongest_boxes(lanes: Sequence[LaneResult]) -> pd.DataFrame:
@@ -258,7 +255,7 @@ def clutter_findings(boxes: pd.DataFrame, recipe: FuseRecipe) -> list[Finding]:
         )
         findings.append(finding)
     less = power_db(boxes, "iteration 1") - seventh
-    counts: dict[str, Any] = {"count": len(boxes), "objects": boxes["cluster"].nunique()}
+    counts: Entries = {"count": len(boxes), "objects": boxes["cluster"].nunique()}
     others = [f"#{number}" for number in TABLE_II if number != 6]
     gaps = {}
     for name in others:
@@ -352,7 +349,7 @@ def _power_findings(
     it did.
     """
     courses = pd.concat([lane.courses[lane.courses["variant"] == "iteration"] for lane in lanes])
-    counts: dict[str, Any] = dict((courses[["rises", "diverged", "fallen"]] > 0).sum())
+    counts: Entries = dict((courses[["rises", "diverged", "fallen"]] > 0).sum())
     findings = []
     for name, question in STATEMENTS.declared.items():
         if "better" in question:

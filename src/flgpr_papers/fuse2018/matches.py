@@ -10,11 +10,11 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from flgpr.scoring import Comparison, Match, accumulated_area, compare, match, roc_of, unroll_frames
 from flgpr.screen import prescreen
 from flgpr.screen.views import view_array
+from flgpr.types import FloatArray
 from flgpr_papers.fuse2018.lanes import FuseRecipe
 from flgpr_papers.fuse2018.process import LaneResult
 
@@ -26,7 +26,6 @@ CONVENTIONS = {
 HITS = 2
 """Frames in which an alarm must appear to be declared, where alarms are followed over frames."""
 _BLOCK = 100.0  # m of the unrolled lane: ten frames
-FloatArray = NDArray[np.float64]
 
 
 def frame_match(lane: LaneResult, variant: str, recipe: FuseRecipe) -> Match:

@@ -7,23 +7,20 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from flgpr.model import ground_points, lane_to_scan
 from flgpr.progress import Track
 from flgpr.recipe.schema import recipe_text
 from flgpr.screen import MeanViewSums
 from flgpr.store import write_whole
+from flgpr.types import Arrays, Entries, FloatArray
 from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, simulate_lane
 from flgpr_papers.fuse2018.records import alarm_rows, aperture_rows
 from flgpr_papers.fuse2018.suppression import VARIANTS, Calibration, Cleaned, clean, stage_forms
-from flgpr_papers.kit.cache import Arrays, key_of, read_arrays, read_or_make, write_arrays
-
-FloatArray = NDArray[np.float64]
+from flgpr_papers.kit.cache import key_of, read_arrays, read_or_make, write_arrays
 
 
 @dataclass(frozen=True)
@@ -31,7 +28,7 @@ class LaneRecords:
     """What a lane's frames yield."""
 
     #: rows by table, as of :class:`LaneResult`
-    tables: dict[str, list[dict[str, Any]]]
+    tables: dict[str, list[Entries]]
     #: mean magnitude over the background of all looks, by variant
     maps: Arrays
 
@@ -127,7 +124,7 @@ def process_lane(
     example : callable, optional
         Gets the aperture that the figures show.
     """
-    tables: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    tables: dict[str, list[Entries]] = defaultdict(list)
     forms = stage_forms(frames, calibration)
     sums = MeanViewSums(recipe.map_grid, recipe.score.y[1])
     latest_frames = range(recipe.image.frames - 1, len(frames), every)
@@ -160,7 +157,7 @@ def result_key(recipe: FuseRecipe, quick: bool, calibration: Calibration | None 
     calibration : Calibration, optional
         Thresholds that the results depend on.
     """
-    content: dict[str, Any] = {
+    content: Entries = {
         "recipe": recipe.model_dump(mode="json", exclude={"vehicle"}),
         "chain": recipe_text("fuse2018-printed"),
         "quick": quick,
@@ -171,7 +168,7 @@ def result_key(recipe: FuseRecipe, quick: bool, calibration: Calibration | None 
     return key_of(content)
 
 
-def _calibration_record(calibration: Calibration) -> dict[str, Any]:
+def _calibration_record(calibration: Calibration) -> Entries:
     """Return a calibration as lists of numbers, as JSON can hold it."""
     arrays = {**calibration.learnt, "background": calibration.background}
     return {name: value.tolist() for name, value in arrays.items()}
@@ -192,7 +189,7 @@ def stored_calibration(folder: Path, recipe: FuseRecipe, quick: bool, track: Tra
         Shows progress.
     """
 
-    def make() -> dict[str, Any]:
+    def make() -> Entries:
         frames = simulate_lane(folder / "lanes", recipe, "calibration", track)
         return _calibration_record(calibrate(frames, recipe, track))
 

@@ -16,14 +16,11 @@ from numpy.typing import NDArray
 from flgpr.clutter import TABLE_II, above, extended_mask, fundamental_mask, roadside_level
 from flgpr.model import Grid, ground_points, scan_to_lane
 from flgpr.screen import frame_alarms
+from flgpr.types import AnyArray, Arrays, BoolArray, ComplexArray, Entries, FloatArray
 from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, local
 from flgpr_papers.fuse2018.suppression import Cleaned, suppressed_alone
-from flgpr_papers.kit.cache import Arrays
 
-BoolArray = NDArray[np.bool_]
-ComplexArray = NDArray[np.complex64]
-FloatArray = NDArray[np.float64]
-Rows = list[dict[str, Any]]
+Rows = list[Entries]
 Halos = dict[str, tuple[Any, BoolArray, BoolArray]]
 """Row of the truth, halo and box (y, x) of every mine in the detection area, by its name."""
 
@@ -143,7 +140,7 @@ def _box(cleaned: Cleaned, position: FloatArray, recipe: FuseRecipe) -> BoolArra
     return np.asarray(rows[:, None] & (np.abs(grid.x - position[0]) <= half))
 
 
-def _power(image: NDArray[Any], pixels: BoolArray) -> float:
+def _power(image: AnyArray, pixels: BoolArray) -> float:
     """Return the mean power of an image in some pixels."""
     return float(np.mean(np.abs(image[pixels]) ** 2))
 

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise, product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,6 +18,7 @@ import pandas as pd
 from flgpr.clutter import TABLE_II, accuracy_needed
 from flgpr.progress import Track
 from flgpr.scoring import pd_at
+from flgpr.types import Entries
 from flgpr_papers.fuse2018 import figures
 from flgpr_papers.fuse2018.figures import Measured
 from flgpr_papers.fuse2018.findings import STATEMENTS, all_findings, power_db, strongest_boxes
@@ -48,7 +48,7 @@ from flgpr_papers.kit.page import HEADER, point_rows
 from flgpr_papers.kit.study import Outcome, Study
 
 
-def page_facts(measured: Measured, found: Sequence[Finding]) -> dict[str, Any]:
+def page_facts(measured: Measured, found: Sequence[Finding]) -> Entries:
     """Return what the captions and their numbers take."""
     recipe = measured.recipe
     by_claim = {finding.claim: finding.ours for finding in found}
@@ -91,7 +91,7 @@ def _pd_texts(measured: Measured) -> dict[str, str]:
     return texts
 
 
-def page_tables(measured: Measured) -> dict[str, Any]:
+def page_tables(measured: Measured) -> Entries:
     """Return what the template of the page takes."""
     recipe = measured.recipe
     learnt = measured.calibration.learnt

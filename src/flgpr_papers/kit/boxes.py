@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.model import as_lane, check_truth
 from flgpr.scoring.curve import clopper_pearson, count_at, describe, make_curve
@@ -17,8 +16,7 @@ from flgpr.scoring.matching import (
     positions,
     select_targets,
 )
-
-FloatArray = NDArray[np.float64]
+from flgpr.types import ArrayLike, FloatArray
 
 
 def box_roc(

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from numpy.typing import NDArray
 
 from flgpr.door import refuse_links
 from flgpr.jobs.simulated_lane import simulate_to_store
@@ -17,8 +16,7 @@ from flgpr.model import Lane
 from flgpr.progress import Track
 from flgpr.simulate import Scene, Sensor, draw_world
 from flgpr.store import Bundle, canonical_json, read_manifest, sha256, write_bundle, write_whole
-
-Arrays = dict[str, NDArray[Any]]
+from flgpr.types import Arrays
 
 
 def key_of(*content: Any) -> str:

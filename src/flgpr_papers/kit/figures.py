@@ -11,10 +11,13 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.scoring import random_pd
+from flgpr.types import AnyArray, ArrayLike, Entries, FloatArray
 from flgpr_papers.kit.settings import packaged_text
+
+Panels = AnyArray
+"""Axes of a figure, as ``subplots`` returns them."""
 
 
 class Figures:
@@ -34,18 +37,18 @@ class Figures:
     """
 
     def __init__(self, paper: str) -> None:
-        self.declared: dict[str, dict[str, Any]] = tomllib.loads(packaged_text(paper, "figures"))
+        self.declared: dict[str, Entries] = tomllib.loads(packaged_text(paper, "figures"))
 
     def __call__(self, draw: Callable[..., None]) -> Callable[..., Figure]:
         """Return what makes the figure that a function draws on."""
         return self._making(lambda *_: {}, draw)
 
-    def sized(self, options: Callable[..., dict[str, Any]]) -> Callable[..., Any]:
+    def sized(self, options: Callable[..., Entries]) -> Callable[..., Any]:
         """Return the decorator with options that follow from what is drawn, beside those declared."""
         return partial(self._making, options)
 
     def _making(
-        self, options: Callable[..., dict[str, Any]], draw: Callable[..., None]
+        self, options: Callable[..., Entries], draw: Callable[..., None]
     ) -> Callable[..., Figure]:
         """Return what makes the figure that a function draws on, with options of its own."""
 
@@ -69,7 +72,7 @@ class Figures:
         return make
 
 
-def _dress(axes: Axes, declared: dict[str, Any]) -> None:
+def _dress(axes: Axes, declared: Entries) -> None:
     """Give a panel what is declared for it."""
     properties = dict(declared)
     legend, grid = properties.pop("legend", None), properties.pop("grid", None)
@@ -90,7 +93,7 @@ def subplots(
     return figure, figure.subplots(rows, columns, **options)
 
 
-def decibels(magnitude: ArrayLike, least: float = 1e-6) -> NDArray[np.float64]:
+def decibels(magnitude: ArrayLike, least: float = 1e-6) -> FloatArray:
     """Return magnitudes in dB, none of them below ``least``; what is unknown counts as zero."""
     known = np.nan_to_num(np.asarray(magnitude, dtype=np.float64))
     return np.asarray(20 * np.log10(np.maximum(known, least)))

@@ -40,6 +40,7 @@ import numpy as np
 from scipy.special import bdtrik, ndtr
 
 from flgpr.store import write_whole
+from flgpr.types import Entries
 from flgpr_papers.kit.intervals import (
     Bounds,
     Interval,
@@ -284,7 +285,7 @@ def _answers(
     worth: float = 0.0,
     figure: Interval | None = None,
     bounds: Bounds | None = None,
-) -> dict[str, Any]:
+) -> Entries:
     """Return verdict and power of a claim by its parts, and the part with the lowest interval."""
     return {
         "verdict": all_of([judge(part, rule, worth, figure) for part in parts]),
@@ -357,7 +358,7 @@ def measured(
         Bounds of the number, at which the interval is cut.
     """
     interval = clip(interval, bounds)
-    judged: dict[str, Any] = {"verdict": OPEN, "interval": interval}
+    judged: Entries = {"verdict": OPEN, "interval": interval}
     if rule is not None:
         judged = _answers([interval], rule, worth, figure, bounds)
     ours = in_words(*interval, unit)
@@ -476,7 +477,7 @@ def write_findings(folder: Path, findings: Sequence[Finding], quick: bool, **mor
     write_whole(folder / "findings.json", json.dumps(content, indent=2, ensure_ascii=False) + "\n")
 
 
-def row_of(finding: Finding) -> dict[str, Any]:
+def row_of(finding: Finding) -> Entries:
     """Return a finding as JSON can hold it; a number that is not finite becomes None."""
     return {name: _json_value(value) for name, value in asdict(finding).items()}
 
@@ -496,7 +497,7 @@ def read_findings(folder: Path) -> list[Finding]:
     return [finding_of(row) for row in rows]
 
 
-def finding_of(row: dict[str, Any]) -> Finding:
+def finding_of(row: Entries) -> Finding:
     """Return the finding of a row that :func:`row_of` made."""
     # Findings of the earlier rules had entries that are no more.
     entries = {name: row[name] for name in Finding.__dataclass_fields__ if name in row}

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from flgpr.report import figure_png, render
 from flgpr.scoring import Match, chance, clopper_pearson, operating_row, roc_of
 from flgpr.store.outputs import log_finished
+from flgpr.types import Entries
 from flgpr_papers.kit.findings import NO_VERDICT, OPEN, VERDICTS, Finding
 
 Rows = Sequence[tuple[str, str, str]]
@@ -38,7 +39,7 @@ class Twin:
 
 
 def twins(
-    captions: Mapping[str, dict[str, Any]],
+    captions: Mapping[str, Entries],
     pictures: Mapping[str, bytes],
     findings: Sequence[Finding],
     facts: Mapping[str, Any],

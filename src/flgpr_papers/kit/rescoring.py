@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.scoring.bootstrap import Scores
 from flgpr.scoring.lane_roc import AreaRule, far_area
 from flgpr.scoring.matching import Match, Subset, select_targets
-
-FloatArray = NDArray[np.float64]
+from flgpr.types import FloatArray
 
 
 @dataclass(frozen=True)

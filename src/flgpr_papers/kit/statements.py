@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from flgpr.types import Entries
 from flgpr_papers.kit.findings import (
     UNDECIDED,
     WORTH,
@@ -47,7 +48,7 @@ class Statements:
     """
 
     def __init__(self, paper: str) -> None:
-        self.declared: dict[str, dict[str, Any]] = tomllib.loads(packaged_text(paper, "statements"))
+        self.declared: dict[str, Entries] = tomllib.loads(packaged_text(paper, "statements"))
 
     def number(
         self,
@@ -173,6 +174,6 @@ def _worth_of(declared: Mapping[str, Any], rule: Bounds | None) -> float:
     return float(declared.get("worth", WORTH)) if is_open_above else 0.0
 
 
-def _filled(declared: Mapping[str, Any], fields: Mapping[str, Any]) -> dict[str, Any]:
+def _filled(declared: Mapping[str, Any], fields: Mapping[str, Any]) -> Entries:
     """Return the texts of a statement with their fields filled in."""
     return {name: declared.get(name, "").format(**fields) for name in _TEXTS}

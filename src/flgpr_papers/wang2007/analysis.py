@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.detect import Fold, SearchStep, forward_search, make_fold, single_features
 from flgpr.features import FEATURES
@@ -21,6 +20,7 @@ from flgpr.scoring.bootstrap import make_design, make_scores
 from flgpr.scoring.lane_roc import AreaRule
 from flgpr.scoring.matching import select_targets
 from flgpr.screen import prescreen
+from flgpr.types import AnyArray, Entries, FloatArray
 from flgpr_papers.kit.rescoring import Draw, Rescorer
 
 
@@ -55,7 +55,6 @@ AREA: AreaRule = "paper"
 
 Every halo counts with all of its area, wherever it lies.
 """
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -485,7 +484,7 @@ def clutter_levels(
         number = ((view["y"].values - result.lane.y_min) // stretch).astype(int)
         for k in np.unique(number):
             chosen = is_clear & (number == k)[:, None]
-            row: dict[str, Any] = {"lane": result.name, "stretch": int(k)}
+            row: Entries = {"lane": result.name, "stretch": int(k)}
             for polarization in view["polarization"].values:
                 for subband in view["subband"].values:
                     channel = view.sel(polarization=polarization, subband=subband).values
@@ -504,7 +503,7 @@ def _target_distance(result: LaneResult) -> FloatArray:
     return distance
 
 
-def stands_out(magnitude: NDArray[Any]) -> float:
+def stands_out(magnitude: AnyArray) -> float:
     """Return the 99 % quantile of magnitudes over their median, dB; NaN for fewer than 100."""
     finite = magnitude[np.isfinite(magnitude)]
     if finite.size < 100:

@@ -13,14 +13,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Rectangle
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
 from flgpr.detect import HistogramNormalizer
 from flgpr.method.classifier import make_training_set
 from flgpr.model import Sensor
 from flgpr.recipe.schema import Recipe
 from flgpr.scoring import Match, roc_of
-from flgpr_papers.kit.figures import Figures, chance_line, colour_bar, decibels, show, steps
+from flgpr.types import AnyArray, BoolArray, Entries
+from flgpr_papers.kit.figures import Figures, Panels, chance_line, colour_bar, decibels, show, steps
 from flgpr_papers.wang2007.analysis import (
     AREA,
     BANDS,
@@ -35,8 +35,7 @@ _DB = 30.0
 _BAND_DRAWS = 200
 _LEAST = 1e-12
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#000000")
-Examples = Mapping[str, NDArray[Any]]
-Panels = NDArray[Any]
+Examples = Mapping[str, AnyArray]
 PATCHES = ("surface", "shallow", "plastic", "false")
 """Examples of Fig. 10."""
 _figure = Figures("wang2007")
@@ -201,7 +200,7 @@ def prescreener_figure(panels: Panels, measured: Measured) -> None:
         _roc_axes(axis, polarization, 0.3)
 
 
-def _widths(measured: Measured) -> dict[str, Any]:
+def _widths(measured: Measured) -> Entries:
     """Return the widths of the panels of Fig. 10, by their numbers of patches."""
     return {"width_ratios": [len(measured.examples[f"patches_{name}"]) for name in PATCHES]}
 
@@ -233,7 +232,7 @@ def patch_figure(panels: Panels, measured: Measured) -> None:
     _colour_bar(panels, "dB over the background")
 
 
-def _patch_row(patches: NDArray[Any], channel: tuple[int, int]) -> NDArray[Any]:
+def _patch_row(patches: AnyArray, channel: tuple[int, int]) -> AnyArray:
     """Return the framed patches of a channel side by side, dB; NaN beyond the image's border."""
     framed = []
     for patch in patches:
@@ -328,7 +327,7 @@ def _at(examples: Examples, polarization: str, subband: str) -> tuple[int, int]:
 
 def _scan(
     axis: Axes,
-    image: NDArray[Any],
+    image: AnyArray,
     examples: Examples,
     position: Any,
     title: str,
@@ -352,7 +351,7 @@ def _scan(
     axis.tick_params(labelsize=7)
 
 
-def _is_within(axis: NDArray[Any], limits: tuple[float, float]) -> NDArray[np.bool_]:
+def _is_within(axis: AnyArray, limits: tuple[float, float]) -> BoolArray:
     """Return which positions of an axis lie within limits."""
     middle = sum(limits) / 2
     return np.asarray(np.abs(axis - middle) <= np.ptp(limits) / 2)

@@ -10,13 +10,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from flgpr.detect import SearchStep
 from flgpr.features import FEATURES
 from flgpr.method.classifier import CLASSIFIER_A, CLASSIFIER_B, make_training_set, train
 from flgpr.recipe.schema import Recipe
 from flgpr.scoring import Match, compare
+from flgpr.types import Entries, FloatArray
 from flgpr_papers.kit.findings import Finding
 from flgpr_papers.kit.intervals import (
     SHARE,
@@ -49,7 +49,6 @@ from flgpr_papers.wang2007.analysis import (
     table_two,
 )
 
-FloatArray = NDArray[np.float64]
 Searches = Mapping[str, Sequence[SearchStep]]
 """Steps of the forward search by method, A to D (Table II)."""
 F1 = tuple(f"{name}_F1" for name in FEATURES)
@@ -126,7 +125,7 @@ def limit_less(limit: float, interval: Interval) -> Interval:
 
 def beside_papers_pd(
     matched: Match, subset: Any, far: float, figure: float, count: int | None
-) -> dict[str, Any]:
+) -> Entries:
     """Return a Pd and what the paper knows of its own, as a statement takes them.
 
     Parameters

@@ -11,11 +11,11 @@ import re
 import tomllib
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 from flgpr.model import load_sensor
 from flgpr.simulate import Scene, Sensor
 from flgpr.simulate.bodies.signature.table import body_size
+from flgpr.types import Entries
 from flgpr_papers.kit.mines import mix_counts
 from flgpr_papers.kit.settings import packaged_text
 from flgpr_papers.kit.study_worlds import AS_FOUND, OWN, StudyWorld, study_world
@@ -84,8 +84,8 @@ def _scenes(form: str, world: StudyWorld) -> LaneScenes:
 
 
 def deal_bodies(
-    lanes: Mapping[str, list[dict[str, Any]]], mixes: Mapping[str, str]
-) -> dict[str, list[dict[str, Any]]]:
+    lanes: Mapping[str, list[Entries]], mixes: Mapping[str, str]
+) -> dict[str, list[Entries]]:
     """Assign the bodies of mixes to the draws of several lanes, over all lanes and depths.
 
     The shares of a mix hold over all lanes together: a draw of three mines alone cannot have those
@@ -112,7 +112,7 @@ def deal_bodies(
     for (kind, lies), count in pools.items():
         if kind in mixes:
             stacks[kind, lies] = _stack(mixes[kind], count)
-    dealt: dict[str, list[dict[str, Any]]] = {name: [] for name in lanes}
+    dealt: dict[str, list[Entries]] = {name: [] for name in lanes}
     for name, draws in lanes.items():
         for draw in draws:
             stack = stacks.get((draw["kind"], draw["depth"] < 0))

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from flgpr.clutter import Background
 from flgpr.design.point_spread import PointSpread
@@ -34,6 +33,7 @@ from flgpr.scoring.curve import held_pd_mean
 from flgpr.screen import MeanViewSums, RunViewSums, view_array
 from flgpr.simulate import Scene
 from flgpr.store import open_run, read_manifest, sha256
+from flgpr.types import AnyArray, Arrays, Entries
 from flgpr_papers.kit.cache import read_arrays, store_lane, write_arrays
 from flgpr_papers.kit.intervals import SHARE, spread
 from flgpr_papers.kit.page import HEADER, detections_at, point_rows
@@ -69,7 +69,7 @@ from flgpr_papers.wang2007.lanes import (
 )
 
 
-def page_facts(measured: Measured) -> dict[str, Any]:
+def page_facts(measured: Measured) -> Entries:
     """Return what the captions and their numbers take."""
     recipe = measured.recipe
     radar = measured.radar
@@ -117,7 +117,7 @@ def page_facts(measured: Measured) -> dict[str, Any]:
     }
 
 
-def _alarm_facts(measured: Measured) -> dict[str, Any]:
+def _alarm_facts(measured: Measured) -> Entries:
     """Return what the captions say of clutter, alarms and Pd."""
     recipe = measured.recipe
     calibration = measured.calibration
@@ -151,7 +151,7 @@ def _alarm_facts(measured: Measured) -> dict[str, Any]:
     }
 
 
-def likeness(series: NDArray[Any]) -> float:
+def likeness(series: AnyArray) -> float:
     """Return the mean correlation of neighbouring images of a series, of their levels in dB.
 
     Parameters
@@ -169,7 +169,7 @@ def _pd(matched: Match, subset: Any, far: float) -> str:
     return f"{n_found} of {targets}, chance {by_chance:.0%}"
 
 
-def page_tables(measured: Measured) -> dict[str, Any]:
+def page_tables(measured: Measured) -> Entries:
     """Return what the template of the page takes."""
     tables = measured.tables
     pool = tables.pool
@@ -365,11 +365,11 @@ def lane_result(
 class LargestViewSums(RunViewSums):
     """Find the largest magnitude at every pixel of the lane."""
 
-    def _view(self, sums: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+    def _view(self, sums: Mapping[str, AnyArray]) -> AnyArray:
         return sums["first"]
 
 
-def other_views(imaged: ImagedRun, track: Track) -> dict[str, NDArray[Any]]:
+def other_views(imaged: ImagedRun, track: Track) -> Arrays:
     """Compute other run-views of the prescreener's channel, by the names ``VIEWS``.
 
     "wide" is over the full range of the images; "largest" and "mean" take the largest or the mean of
@@ -413,7 +413,7 @@ def other_views(imaged: ImagedRun, track: Track) -> dict[str, NDArray[Any]]:
         magnitude = background.magnitude(image.values, np.ascontiguousarray(gain[channel]))
         for of_view in sums.values():
             of_view.add(magnitude[0, 0], imager.grid, np.asarray(image.attrs["pose"]))
-    arrays: dict[str, NDArray[Any]] = {}
+    arrays: Arrays = {}
     for name, of_view in sums.items():
         arrays[name], arrays[f"{name} looks"] = of_view.result()
     return arrays
