@@ -186,9 +186,7 @@ class NeighbourScorer(StoredScorer):
         nearest = np.sort(self._distances(X), axis=1)[:, : self.neighbours]
         if self.method == "largest":
             return nearest[:, -1]
-        return np.asarray(
-            nearest.mean(axis=1) if self.method == "mean" else np.median(nearest, axis=1)
-        )
+        return nearest.mean(axis=1) if self.method == "mean" else np.median(nearest, axis=1)
 
     def _distances(self, X: FloatArray) -> FloatArray:
         """Return the distances (n_samples, n_examples)."""
@@ -199,7 +197,7 @@ class NeighbourScorer(StoredScorer):
                 total = np.maximum(total, difference)
             else:
                 total = total + difference**self.power
-        return total if self.power == 0 else np.asarray(total ** (1 / self.power))
+        return total if self.power == 0 else total ** (1 / self.power)
 
     @classmethod
     def of(cls, estimator: Any) -> Self:

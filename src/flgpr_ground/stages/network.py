@@ -232,7 +232,7 @@ def _examples(
     """Cut the chips of a lane's mines, moved about a little, and of its clutter."""
     level = np.log(np.maximum(lane.view.values, _FLOOR)).mean(axis=(0, 1))
     maxima = maxima_in_lane(lane, level, settings.radius)
-    targets = lane.truth[["x", "y"]].to_numpy(dtype=float)
+    targets = floats(lane.truth[["x", "y"]])
     mines = targets[lane.truth["kind"].isin(settings.kinds).to_numpy()]
 
     at_mines = maxima[_distance_to_nearest(maxima, mines) <= settings.reach]

@@ -20,6 +20,7 @@ from flgpr.detect import (
 )
 from flgpr.features import range_cuts, stack_channels
 from flgpr.kernels.moments import LEAST_OGK, sample_moments
+from flgpr.model import Lane
 from flgpr.scoring import offset_boxes
 from flgpr.stages.forms import samples_at
 from flgpr.types import AnyArray, Complex128Array, ComplexArray, Float32Array, FloatArray
@@ -148,26 +149,20 @@ def learn(recipe: StudyRecipe, looks: Sequence[Look]) -> Training:
         The training looks of a lane.
     """
     shape = (recipe.cut.length, 1)
-    target_cuts = []
-    clutter_cuts = []
-    clutter_pixels = []
+    samples = [samples_at(look.image, look.position[None], recipe.cuts) for look in looks]
     surveyed_cuts = []
     for look in looks:
-        samples = samples_at(look.image, look.position[None], recipe.cuts)
-        target_cuts.append(samples.target)
-        clutter_cuts.append(samples.clutter)
-        clutter_pixels.append(samples.pixel)
         surveyed = (look.position + [0.0, look.shift])[None]
         surveyed_cuts.append(range_cuts(look.image, surveyed, shape, recipe.cut.polarizations))
-    clutter = np.concatenate(clutter_cuts)
+    clutter = np.concatenate([of_look.clutter for of_look in samples])
     whitener = ClutterWhitener(recipe.training.moments).fit(clutter)
     unshrunk = ClutterWhitener("sample").fit(clutter)
     energy = np.sum(np.abs(whitener.transform(clutter)) ** 2, axis=1)
     return Training(
         whitener=whitener,
-        white=whitener.transform(np.concatenate(target_cuts)),
+        white=whitener.transform(np.concatenate([of_look.target for of_look in samples])),
         surveyed=whitener.transform(np.concatenate(surveyed_cuts)),
-        pixels=np.concatenate(clutter_pixels).astype(np.complex128),
+        pixels=np.concatenate([of_look.pixel for of_look in samples]).astype(np.complex128),
         unshrunk=unshrunk,
         clutter_energy=float(np.mean(energy)),
         clutter=clutter,
@@ -249,7 +244,7 @@ def detectors(
         chip_detectors["trained on simulation"] = chip_detector(recipe, [form], whitener, length)
     # The target cuts, whitened by sample moments instead.
     back = np.linalg.solve(whitener.matrix_, training.white.T).T + whitener.mean_
-    rewhitened = np.asarray(training.unshrunk.transform(back))
+    rewhitened = training.unshrunk.transform(back)
     unshrunk = DeflectionDetector(rank, recipe.detector.ddof).fit(rewhitened)
     chip_detectors["unshrunk clutter"] = chip_detector(
         recipe, unshrunk.forms_, training.unshrunk, length, detector=repr(unshrunk)
@@ -296,7 +291,7 @@ def calibrated(training: Training, signatures: Complex128Array) -> Complex128Arr
     white = signatures @ training.whitener.matrix_.T
     energy = float(np.mean(np.sum(np.abs(training.white) ** 2, axis=1))) - training.clutter_energy
     white *= np.sqrt(max(energy, 1.0) / np.mean(np.sum(np.abs(white) ** 2, axis=1)))
-    return np.asarray(white)
+    return white
 
 
 def score_looks(
@@ -316,12 +311,8 @@ def score_looks(
     peaks = {name: Peaks() for name in chip_detectors}
     score = recipe.score
     half_step = recipe.radar.stop_spacing / 2
-    area = {
-        "x_min": recipe.image.x[0],
-        "x_max": recipe.image.x[1],
-        "y_min": recipe.radar.range - half_step,
-        "y_max": recipe.radar.range + half_step,
-    }
+    ahead = recipe.radar.range
+    area = Lane(*recipe.image.x, ahead - half_step, ahead + half_step)
     for look in looks:
         stack, _ = stack_channels(look.image, recipe.cut.polarizations)
         x = look.image["x"].values
@@ -337,12 +328,9 @@ def score_looks(
                 (mine_box, scores.target, scores.target_quantile),
                 (clutter_boxes, scores.clutter, scores.clutter_quantile),
             ):
-                for values, kept in zip(
-                    box_values(value, x, y, boxes, score.box, score.quantile),
-                    (peak, high),
-                    strict=True,
-                ):
-                    kept += values.tolist()
+                values = box_values(value, x, y, boxes, score.box, score.quantile)
+                peak += values[0].tolist()
+                high += values[1].tolist()
             scores.depth.append(look.depth)
             scores.rock += has_rock.tolist()
     return peaks
@@ -420,7 +408,7 @@ def eigenvalue_ratios(
     detector = DeflectionDetector(ddof=recipe.detector.ddof).fit(examples)
     sigma = detector.eigenvalues_.copy()
     sigma[sigma.size - int(detector.n_unseen_) :] = np.nan
-    return np.asarray(sigma[:6] / sigma[0])
+    return sigma[:6] / sigma[0]
 
 
 def eigenvectors(recipe: StudyRecipe, training: Training) -> Complex128Array:
@@ -431,4 +419,4 @@ def eigenvectors(recipe: StudyRecipe, training: Training) -> Complex128Array:
     detector = DeflectionDetector(6, recipe.detector.ddof).fit(training.white)
     vectors = detector.forms_[0].vectors
     rows = np.linalg.solve(training.whitener.matrix_, vectors.T).T
-    return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))
+    return rows / np.linalg.norm(rows, axis=1, keepdims=True)

@@ -195,9 +195,10 @@ def point_figure(panels: Panels, measured: Measured) -> None:
     """Draw the response to a point with and without the ramp."""
     responses = measured.responses
     for (name, response), style in zip(responses.items(), ("-", "--"), strict=True):
-        lines = (response.down, response.down_level), (response.cross, response.cross_level)
-        for axes, (offset, level), width in zip(panels, lines, response.resolution, strict=True):
-            axes.plot(offset, decibels(level), style, label=f"{name}: {100 * width:.1f} cm")
+        levels = response.down, response.cross
+        for axes, level, width in zip(panels, levels, response.resolution, strict=True):
+            label = f"{name}: {100 * width:.1f} cm"
+            axes.plot(response.offset, decibels(level), style, label=label)
     for axes in panels:
         axes.axhline(-3.01, color="#999", lw=0.8)
 

@@ -13,7 +13,7 @@ import pandas as pd
 
 from flgpr.scoring import operating_row, pd_at, peak_roc
 from flgpr.scoring.curve import held_pd_mean
-from flgpr.types import ArrayLike, Entries, FloatArray
+from flgpr.types import ArrayLike, Entries, FloatArray, floats
 from flgpr_papers.cosgrove2004.detect import FORMS, alone, example_name
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
 from flgpr_papers.kit.findings import UNDECIDED, WORTH, Finding, in_words, shows
@@ -130,7 +130,7 @@ class Looks:
 
     def seeds(self, site: str, detector: str) -> FloatArray:
         """Return the Pd of every seed."""
-        return np.asarray(self.found[site, detector].mean(axis=1))
+        return self.found[site, detector].mean(axis=1)
 
 
 def pd_table(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> pd.DataFrame:
@@ -232,7 +232,7 @@ def _judge(
     A seed has as many mines, training and test as the paper.
     """
     finding = _STATEMENTS.number(statement, interval, **{**_words(recipe), **fields})
-    values = np.asarray(by_seed, dtype=np.float64)
+    values = floats(by_seed)
     values = values[~np.isnan(values)]
     rule = finding.rule
     if rule is None or not values.size:

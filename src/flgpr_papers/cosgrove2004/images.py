@@ -89,7 +89,7 @@ def tone_weight(recipe: StudyRecipe, sensor: Sensor) -> FloatArray:
     weight = ramp(frequency) if recipe.image.filter == "ramp" else np.ones(frequency.size)
     if recipe.image.calibrate:
         weight = weight / system_response(sensor, frequency)
-    return np.asarray(weight / weight.max())
+    return weight / weight.max()
 
 
 def lane_looks(
@@ -225,12 +225,11 @@ def _direction(
         roadside = turned(roadside, seed - 1)
     simulator = Simulator(ground, sensor, seed)
     signal = np.stack(list(simulator.scans()))
-    views = {"open": (recipe, signal)}
+    views = {}
     if bands is None:
         beside = np.stack(list(Simulator(roadside, sensor, seed, errors=False).scans()))
-        views = {"roadside": (recipe, signal + beside), **views}
+        views = {"roadside": (recipe, signal + beside), "open": (recipe, signal)}
     else:
-        views = {}
         for name, band in bands.items():
             image = recipe.image.model_copy(update={"band": band})
             views[name] = recipe.model_copy(update={"image": image}), signal
@@ -337,15 +336,14 @@ def run_images(
 class PointResponse:
     """Image of a point on the ground at the study's range."""
 
-    down: FloatArray  #: (n,) distance from the point down-track, m
-    cross: FloatArray  #: (n,) distance from the point cross-track, m
-    down_level: FloatArray  #: (n,) magnitude down-track over the peak
-    cross_level: FloatArray  #: (n,) magnitude cross-track over the peak
+    offset: FloatArray  #: (n,) distance from the point, m
+    down: FloatArray  #: (n,) magnitude down-track over the peak
+    cross: FloatArray  #: (n,) magnitude cross-track over the peak
 
     @property
     def resolution(self) -> tuple[float, float]:
         """Width between the half-power points down-track and cross-track, m."""
-        return half_power(self.down, self.down_level), half_power(self.cross, self.cross_level)
+        return half_power(self.offset, self.down), half_power(self.offset, self.cross)
 
 
 def point_response(recipe: StudyRecipe, filtered: bool) -> PointResponse:
@@ -371,7 +369,7 @@ def point_response(recipe: StudyRecipe, filtered: bool) -> PointResponse:
     window = ramp(frequency) if filtered else None
     operator = ImagingOperator(frequency, tx, rx, lines, window=window)
     down, cross = np.abs(operator.adjoint(data)[0, 0]).astype(np.float64)
-    return PointResponse(offset, offset, down / down.max(), cross / cross.max())
+    return PointResponse(offset, down / down.max(), cross / cross.max())
 
 
 def signature_cuts(recipe: StudyRecipe) -> tuple[FloatArray, ComplexArray]:

@@ -245,7 +245,7 @@ def run_seed(
     for site in sorted(recipe.sites, key=lambda site: site != "sand"):
         bare_looks = signature_looks(recipe, site)
         signatures = np.concatenate([target_cut(recipe, look) for look in bare_looks])
-        humps = signature_humps(recipe, bare_looks)
+        humps = signature_humps(recipe, signatures)
         has_sweeps = site in SOILS and seed <= recipe.sweeps.seeds
         examples = example_looks(recipe, site, seed, share) if has_sweeps else {}
         for surroundings, looks in lane_looks(recipe, site, seed, share).items():

@@ -30,7 +30,7 @@ from flgpr.stages.clusters import (
     TemplateSettings,
     templates_of,
 )
-from flgpr.types import AnyArray, BoolArray, ComplexArray, Entries, Float32Array
+from flgpr.types import AnyArray, BoolArray, ComplexArray, Entries, Float32Array, floats
 from flgpr_papers.flsar2004.lanes import Pass, RadiusIs, Settings
 from flgpr_papers.flsar2004.machines import Examples
 
@@ -254,7 +254,7 @@ def _with_features(
     table["target"] = table["target"].fillna("") if "target" in table else ""
     image = site.image if magnitude else site.wave
     regions = cut_regions(image, site.grid, table[["x", "y"]], settings.features.region)
-    return table, template_features(regions, templates, magnitude)
+    return Examples(table, template_features(regions, templates, magnitude))
 
 
 def learn_screen(
@@ -348,10 +348,10 @@ def clutter_clusters(
 
     The parameters are those of :func:`clutter_past_prescreeners`.
     """
-    mines = site.mines[["x", "y"]].to_numpy(dtype=np.float64)
+    mines = floats(site.mines[["x", "y"]])
     for channel, (ellipse, limits) in screen.channels(site.view):
         clusters = find_clusters(channel, limits.amplitude, screen.settings.forming)
-        places = clusters[["x", "y"]].to_numpy(dtype=np.float64)
+        places = floats(clusters[["x", "y"]])
         in_lane = np.logical_or.reduce([lane.contains(*places.T) for lane in site.lanes])
         distance = np.hypot(*(places[:, None] - mines).transpose(2, 0, 1)).min(axis=1)
         yield channel, ellipse, limits, clusters, in_lane & (distance > halo)
@@ -390,8 +390,8 @@ def screened_examples(
         As :func:`screened_regions` returns them.
     """
     mines = site.mines.reset_index(drop=True)
-    mine_positions = mines[["x", "y"]].to_numpy(dtype=np.float64)
-    region_positions = regions[["x", "y"]].to_numpy(dtype=np.float64)
+    mine_positions = floats(mines[["x", "y"]])
+    region_positions = floats(regions[["x", "y"]])
     distance = np.linalg.norm(region_positions[:, None] - mine_positions, axis=2)
     nearest = distance.argmin(axis=1)
     is_hit = distance[np.arange(len(regions)), nearest] <= settings.prescreen.halo

@@ -56,7 +56,7 @@ class Results:
         curve = roc(scores, area, targets)
         self.curves.setdefault(figure, {})[label] = curve.to_dict("list")
 
-    def add_areas(self, name: str, scores: HeldOut, measure: Measure, count: int) -> None:
+    def add_areas(self, name: str, scores: HeldOut, measure: Measure) -> None:
         """Add both areas under a ROC, and the partial one that chance gives.
 
         Parameters
@@ -67,11 +67,9 @@ class Results:
             Scores of held-out examples.
         measure : Measure
             The partial area.
-        count : int
-            Number of bootstrap draws.
         """
-        self.areas[name] = auc_interval(scores, count)
-        self.partial[name] = measure.interval(scores, count)
+        self.areas[name] = auc_interval(scores, measure.draws)
+        self.partial[name] = measure.interval(scores)
         self.chance[name] = measure.chance(scores)
 
     def add(self, record: Entries) -> None:
@@ -97,7 +95,7 @@ class Material:
 
     def measure(self, examples: Examples) -> Measure:
         """Return the partial area under the ROC of examples without prescreener."""
-        return Measure(open_area(examples, self.settings))
+        return Measure(open_area(examples, self.settings), draws=self.draws)
 
 
 def prepare(settings: Settings, sites: list[Site]) -> Material:
@@ -128,18 +126,19 @@ def pick_examples(
     columns : str
         Polarization of the features: "HH", "VV" or "both".
     """
-    table, X = examples
-    is_mine = table["kind"].isin(kinds) & table["depth"].between(*depth)
-    rows = np.flatnonzero(is_mine | (table["kind"] == "clutter"))
-    half = X.shape[1] // 2
+    table = examples.table
+    is_chosen = table["kind"].isin(kinds) & table["depth"].between(*depth)
+    chosen = examples.rows(np.flatnonzero(is_chosen | ~examples.is_mine))
+    half = chosen.X.shape[1] // 2
     halves = {"both": slice(None), "HH": slice(0, half), "VV": slice(half, None)}
-    return _rows_of(examples, rows)[0], X[rows][:, halves[columns]]
+    return Examples(chosen.table, chosen.X[:, halves[columns]])
 
 
 def open_area(examples: Examples, settings: Settings) -> float:
     """Return the area of the clutter tiles, m²: what was searched beside the mines."""
-    count = int((examples[0]["kind"] == "clutter").sum())
-    return count * settings.features.region[0] * settings.features.region[1]
+    return (
+        int((~examples.is_mine).sum()) * settings.features.region[0] * settings.features.region[1]
+    )
 
 
 def thin_examples(examples: Examples, most: tuple[int, int], seed: int) -> Examples:
@@ -154,19 +153,12 @@ def thin_examples(examples: Examples, most: tuple[int, int], seed: int) -> Examp
     seed : int
         Seed of the draw.
     """
-    is_clutter = (examples[0]["kind"] == "clutter").to_numpy()
     rng = np.random.default_rng(seed)
     drawn = []
-    for is_kind, count in zip((~is_clutter, is_clutter), most, strict=True):
+    for is_kind, count in zip((examples.is_mine, ~examples.is_mine), most, strict=True):
         rows = np.flatnonzero(is_kind)
         drawn.append(rng.choice(rows, min(count, len(rows)), False))
-    return _rows_of(examples, np.sort(np.concatenate(drawn)))
-
-
-def _rows_of(examples: Examples, rows: AnyArray) -> Examples:
-    """Return some of the examples."""
-    table, X = examples
-    return pd.DataFrame(table.iloc[rows]).reset_index(drop=True), X[rows]
+    return examples.rows(np.sort(np.concatenate(drawn)))
 
 
 FAR_LIMIT = 0.07
@@ -203,7 +195,7 @@ def _wins(scores: HeldOut) -> FloatArray:
     """
     above = scores.mine[:, None, None] > scores.clutter[None]
     equal = scores.mine[:, None, None] == scores.clutter[None]
-    return np.asarray((above + 0.5 * equal).mean(axis=2))
+    return (above + 0.5 * equal).mean(axis=2)
 
 
 def auc(scores: HeldOut) -> float:
@@ -249,6 +241,7 @@ class Measure:
     #: whether the number is Pd at ``far``, or else the mean Pd over 0 to ``far``, the partial area
     #: over its width
     at: bool = False
+    draws: int = 1000  #: bootstrap draws of its intervals
 
     def chance(self, scores: HeldOut) -> float:
         """Return the number of scores that know nothing of the mines."""
@@ -309,7 +302,7 @@ class Measure:
         tiles = np.ones((1, len(scores.tile)))
         return float(self.of(scores, mines, tiles)[0])
 
-    def interval(self, scores: HeldOut, count: int) -> Interval:
+    def interval(self, scores: HeldOut) -> Interval:
         """Return the number with its bootstrap interval over mines and clutter examples.
 
         Both looks at a mine are drawn together.
@@ -318,36 +311,29 @@ class Measure:
         ----------
         scores : HeldOut
             Scores of mines and clutter.
-        count : int
-            Number of draws.
         """
-        return percentiles(self.value(scores), self.of(scores, *_draws(scores, count, 1)))
+        return percentiles(self.value(scores), self.of(scores, *_draws(scores, self.draws, 1)))
 
+    def difference(self, a: HeldOut, b: HeldOut) -> Interval:
+        """Return the number of a classifier less that of another, with its bootstrap interval.
 
-def difference(a: HeldOut, b: HeldOut, measure: Measure, count: int) -> Interval:
-    """Return the number of a classifier less that of another, with its bootstrap interval.
+        Mines and clutter that both scored are drawn together, others apart.
 
-    Mines and clutter that both scored are drawn together, others apart.
-
-    Parameters
-    ----------
-    a, b : HeldOut
-        Scores of the two classifiers.
-    measure : Measure
-        The number.
-    count : int
-        Number of bootstrap draws.
-    """
-    has_same_mines = np.array_equal(a.target, b.target)
-    has_same_clutter = a.tile.size == b.tile.size
-    first_mines, first_tiles = _draws(a, count, 1)
-    second_mines, second_tiles = _draws(b, count, 2)
-    if has_same_mines:
-        second_mines = first_mines
-        if has_same_clutter:
-            second_tiles = first_tiles
-    draws = measure.of(a, first_mines, first_tiles) - measure.of(b, second_mines, second_tiles)
-    return percentiles(measure.value(a) - measure.value(b), draws)
+        Parameters
+        ----------
+        a, b : HeldOut
+            Scores of the two classifiers.
+        """
+        has_same_mines = np.array_equal(a.target, b.target)
+        has_same_clutter = a.tile.size == b.tile.size
+        first_mines, first_tiles = _draws(a, self.draws, 1)
+        second_mines, second_tiles = _draws(b, self.draws, 2)
+        if has_same_mines:
+            second_mines = first_mines
+            if has_same_clutter:
+                second_tiles = first_tiles
+        drawn = self.of(a, first_mines, first_tiles) - self.of(b, second_mines, second_tiles)
+        return percentiles(self.value(a) - self.value(b), drawn)
 
 
 def pd_count(scores: HeldOut, area: float, far: float, chosen: BoolArray) -> tuple[int, int]:
@@ -427,7 +413,7 @@ def _drawn_targets(table: pd.DataFrame, rng: np.random.Generator) -> pd.DataFram
 
 def _drawn_rows(chips: AnyArray, rng: np.random.Generator) -> AnyArray:
     """Draw as many signatures as there are."""
-    return np.asarray(chips[rng.integers(0, len(chips), len(chips))])
+    return chips[rng.integers(0, len(chips), len(chips))]
 
 
 def _stronger_share(table: pd.DataFrame, other: pd.DataFrame) -> float:

@@ -13,7 +13,7 @@ from scipy.special import stdtrit
 
 from flgpr.clutter import TABLE_II
 from flgpr.scoring import compare
-from flgpr.types import ArrayLike, Entries, FloatArray
+from flgpr.types import ArrayLike, Entries, FloatArray, floats
 from flgpr_papers.fuse2018.lanes import FuseRecipe
 from flgpr_papers.fuse2018.matches import CONVENTIONS, HITS, compared, lane_match, track_match
 from flgpr_papers.fuse2018.process import LaneResult
@@ -57,7 +57,7 @@ def strongest_boxes(lanes: Sequence[LaneResult]) -> pd.DataFrame:
 
 def power_db(boxes: pd.DataFrame, stage: str) -> FloatArray:
     """Return the power in boxes at a stage over that of the original image, dB."""
-    return np.asarray(10 * np.log10(boxes[stage].to_numpy() / boxes["#0"].to_numpy()))
+    return 10 * np.log10(boxes[stage].to_numpy() / boxes["#0"].to_numpy())
 
 
 def mean_over_boxes(
@@ -113,7 +113,7 @@ def own_changes(lanes: Sequence[LaneResult], variant: str) -> tuple[FloatArray, 
     for lane in lanes:
         tables.append(lane.own[lane.own["variant"] == variant].assign(lane=lane.name))
     rows = pd.concat(tables)
-    return rows["change_db"].to_numpy(dtype=np.float64), rows["lane"] + rows["target"].astype(str)
+    return floats(rows["change_db"]), rows["lane"] + rows["target"].astype(str)
 
 
 def frame_spread(boxes: pd.DataFrame, values: FloatArray) -> float:
@@ -142,10 +142,10 @@ def _frame_means(boxes: pd.DataFrame, values: FloatArray) -> pd.Series:
     return frames.loc[frames["count"] == 2, "mean"]
 
 
-def with_interval(interval: Interval, unit: str = " dB", digits: int = 1) -> str:
-    """Format a value with its interval in a fixed number of decimals."""
-    value, low, high = (f"{number:z.{digits}f}" for number in interval)
-    return f"{value}{unit} ({low} to {high})"
+def with_interval(interval: Interval) -> str:
+    """Format a level with its interval, dB."""
+    value, low, high = (f"{number:z.1f}" for number in interval)
+    return f"{value} dB ({low} to {high})"
 
 
 PAPER_DB = 26.5

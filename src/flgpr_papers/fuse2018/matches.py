@@ -14,7 +14,7 @@ import pandas as pd
 from flgpr.scoring import Comparison, Match, accumulated_area, compare, match, roc_of, unroll_frames
 from flgpr.screen import prescreen
 from flgpr.screen.views import view_array
-from flgpr.types import FloatArray
+from flgpr.types import FloatArray, floats
 from flgpr_papers.fuse2018.lanes import FuseRecipe
 from flgpr_papers.fuse2018.process import LaneResult
 
@@ -182,7 +182,7 @@ def follow(alarms: pd.DataFrame, gate: float, hits: int) -> pd.DataFrame:
     for _, frame in by_magnitude.groupby("frame", sort=True):
         positions = np.array([_track_position(track) for track in tracks]).reshape(-1, 2)
         is_free = np.ones(len(positions), dtype=bool)
-        for alarm in frame[["x", "y", "magnitude"]].to_numpy(dtype=np.float64):
+        for alarm in floats(frame[["x", "y", "magnitude"]]):
             distance = np.where(is_free, np.hypot(*(positions - alarm[:2]).T), np.inf)
             if distance.size and distance.min() <= gate:
                 nearest = int(distance.argmin())
@@ -201,4 +201,4 @@ def follow(alarms: pd.DataFrame, gate: float, hits: int) -> pd.DataFrame:
 def _track_position(track: Sequence[FloatArray]) -> FloatArray:
     """Return the position of a track, weighed by the magnitudes of its alarms."""
     points = np.array(track)
-    return np.asarray(np.average(points[:, :2], axis=0, weights=points[:, 2]))
+    return np.average(points[:, :2], axis=0, weights=points[:, 2])

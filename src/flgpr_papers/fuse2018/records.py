@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from flgpr.clutter import TABLE_II, above, extended_mask, fundamental_mask, roadside_level
 from flgpr.model import Grid, ground_points, scan_to_lane
 from flgpr.screen import frame_alarms
-from flgpr.types import AnyArray, Arrays, BoolArray, ComplexArray, Entries, FloatArray
+from flgpr.types import AnyArray, Arrays, BoolArray, ComplexArray, Entries, FloatArray, floats
 from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, local
 from flgpr_papers.fuse2018.suppression import Cleaned, suppressed_alone
 
@@ -54,7 +54,7 @@ def roadside_objects(frames: Frames, pose: FloatArray, recipe: FuseRecipe) -> pd
 
 def halo_of(grid: Grid, position: FloatArray, radius: float) -> BoolArray:
     """Return which pixels (y, x) lie within a radius of a position, m."""
-    return np.asarray(np.hypot(grid.x - position[0], grid.y[:, None] - position[1]) <= radius)
+    return np.hypot(grid.x - position[0], grid.y[:, None] - position[1]) <= radius
 
 
 def targets_in_area(
@@ -137,7 +137,7 @@ def _box(cleaned: Cleaned, position: FloatArray, recipe: FuseRecipe) -> BoolArra
     grid = cleaned.stage.grid
     half = recipe.boxes.side / 2
     rows = np.abs(grid.y - position[1]) <= half
-    return np.asarray(rows[:, None] & (np.abs(grid.x - position[0]) <= half))
+    return rows[:, None] & (np.abs(grid.x - position[0]) <= half)
 
 
 def _power(image: AnyArray, pixels: BoolArray) -> float:
@@ -310,4 +310,4 @@ def _strongest_objects(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> 
     powers = [_power(vv, box) for box in _boxes_of(objects, cleaned, recipe)]
     objects = objects.assign(power=powers, left=objects["x"] < 0)
     strongest = objects.sort_values("power").groupby("left").tail(1)
-    return strongest[["x", "y"]].to_numpy(dtype=np.float64)
+    return floats(strongest[["x", "y"]])

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from flgpr.scoring import random_pd
-from flgpr.types import AnyArray, ArrayLike, Entries, FloatArray
+from flgpr.types import AnyArray, ArrayLike, Entries, FloatArray, floats
 from flgpr_papers.kit.settings import packaged_text
 
 Panels = AnyArray
@@ -95,8 +95,8 @@ def subplots(
 
 def decibels(magnitude: ArrayLike, least: float = 1e-6) -> FloatArray:
     """Return magnitudes in dB, none of them below ``least``; what is unknown counts as zero."""
-    known = np.nan_to_num(np.asarray(magnitude, dtype=np.float64))
-    return np.asarray(20 * np.log10(np.maximum(known, least)))
+    known = np.nan_to_num(floats(magnitude))
+    return 20 * np.log10(np.maximum(known, least))
 
 
 def show(

@@ -275,21 +275,16 @@ def over_experiments(experiments: Sequence[Finding]) -> Finding:
         ours="; ".join(texts),
         parts=tuple(part[0] for part in parts) if first.parts else (),
         shown=(shown, len(table)),
-        **_answers(parts, first.rule, first.worth, first.figure, bounds),
+        **_answers(first, first.rule, parts),
     )
 
 
-def _answers(
-    parts: Sequence[Interval],
-    rule: Bounds,
-    worth: float = 0.0,
-    figure: Interval | None = None,
-    bounds: Bounds | None = None,
-) -> Entries:
+def _answers(asked: Finding, rule: Bounds, parts: Sequence[Interval]) -> Entries:
     """Return verdict and power of a claim by its parts, and the part with the lowest interval."""
+    by = rule, asked.worth, asked.figure
     return {
-        "verdict": all_of([judge(part, rule, worth, figure) for part in parts]),
-        "power": joint_power([power(part, rule, worth, figure, bounds) for part in parts]),
+        "verdict": all_of([judge(part, *by) for part in parts]),
+        "power": joint_power([power(part, *by, asked.bounds) for part in parts]),
         "interval": min(parts, key=lambda part: part[1]),
     }
 
@@ -341,40 +336,23 @@ def measured(
     interval: Interval,
     rule: Bounds | None = None,
     worth: float = 0.0,
-    unit: str = "",
-    bounds: Bounds | None = None,
-    figure: Interval | None = None,
-    note: str = "",
+    **fields: Any,
 ) -> Finding:
     """Return the finding of a number, judged by its rule; it is open without one.
 
     Parameters
     ----------
-    claim, paper, quantity, rule, worth, unit, figure, note
-        As the fields of :class:`Finding`.
+    claim, paper, quantity, rule, worth, **fields
+        As the fields of :class:`Finding`; at its ``bounds`` the interval is cut.
     interval : Interval
         The number and its interval.
-    bounds : Bounds, optional
-        Bounds of the number, at which the interval is cut.
     """
-    interval = clip(interval, bounds)
-    judged: Entries = {"verdict": OPEN, "interval": interval}
+    asked = Finding(claim, paper, "", OPEN, quantity=quantity, rule=rule, worth=worth, **fields)
+    interval = clip(interval, asked.bounds)
+    answers: Entries = {"interval": interval}
     if rule is not None:
-        judged = _answers([interval], rule, worth, figure, bounds)
-    ours = in_words(*interval, unit)
-    return Finding(
-        claim,
-        paper,
-        ours,
-        note=note,
-        quantity=quantity,
-        rule=rule,
-        worth=worth,
-        unit=unit,
-        bounds=bounds,
-        figure=figure,
-        **judged,
-    )
+        answers = _answers(asked, rule, [interval])
+    return replace(asked, ours=in_words(*interval, asked.unit), **answers)
 
 
 def in_words(
@@ -437,10 +415,9 @@ def of_parts(
     cut = {name: clip(interval, bounds) for name, interval in intervals.items()}
     ours = "; ".join(f"{name} {_signed(interval)}" for name, interval in cut.items())
     parts = tuple(value for value, _, _ in cut.values())
-    given = {"ours": ours, **_answers([*cut.values()], rule, worth, None, bounds), **fields}
-    return Finding(
-        claim, paper, rule=rule, worth=worth, parts=parts, names=tuple(cut), bounds=bounds, **given
-    )
+    asked = Finding(claim, paper, ours, OPEN, rule=rule, worth=worth, bounds=bounds)
+    given = {**_answers(asked, rule, [*cut.values()]), **fields}
+    return replace(asked, parts=parts, names=tuple(cut), **given)
 
 
 def _signed(interval: Interval) -> str:

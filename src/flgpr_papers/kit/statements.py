@@ -86,12 +86,10 @@ class Statements:
             rule = near(figure, declared["alike"], bounds)
         finding = measured(
             interval=interval,
-            rule=rule,
-            worth=_worth_of(declared, rule),
             unit=declared.get("unit", ""),
             bounds=bounds,
             figure=figure,
-            **_filled(declared, {"rule": rule, "above": above, **fields}),
+            **_judged_by(rule, declared, {"rule": rule, "above": above, **fields}),
         )
         if "ours" not in declared or finding.interval is None:
             return finding
@@ -104,9 +102,9 @@ class Statements:
         The parameters are those of :meth:`within`.
         """
         declared = self.declared[name]
-        texts = _filled(declared, fields) | {"quantity": ""}
         rule = declared.get("above", 0.0), math.inf
-        return of_parts(intervals=intervals, rule=rule, worth=_worth_of(declared, rule), **texts)
+        given = _judged_by(rule, declared, fields) | {"quantity": ""}
+        return of_parts(intervals=intervals, **given)
 
     def within(self, name: str, intervals: Mapping[str, Interval], **fields: Any) -> Finding:
         """Judge that several numbers lie within the ``rule``; that of the finding is the widest.
@@ -125,10 +123,9 @@ class Statements:
         value, low, high = intervals[widest]
         return of_parts(
             intervals=intervals,
-            rule=tuple(declared["rule"]),
             ours=f"widest {widest} {value:+.3f} ({low:+.3f} to {high:+.3f})",
             interval=intervals[widest],
-            **_filled(declared, fields),
+            **_judged_by(tuple(declared["rule"]), declared, fields),
         )
 
     def by_every(self, name: str, intervals: Mapping[str, Interval], **fields: Any) -> Finding:
@@ -141,23 +138,21 @@ class Statements:
         rule = _rule_of(declared)
         if rule is None:
             raise ValueError(f"{name} must have a rule, got {sorted(declared)}")
-        worth = _worth_of(declared, rule)
+        given = _judged_by(rule, declared, fields)
         bounds = _BOUNDS[declared["is"]]
         cut = {choice: clip(interval, bounds) for choice, interval in intervals.items()}
-        each = {choice: judge(one, rule, worth) for choice, one in cut.items()}
+        each = {choice: judge(one, rule, given["worth"]) for choice, one in cut.items()}
         verdicts = set(each.values())
         words = {choice: f"{choice}: {in_words(*one)}" for choice, one in cut.items()}
         if len(verdicts) > 1:
             words = {choice: f"{text} {each[choice]}" for choice, text in words.items()}
         return of_parts(
             intervals=cut,
-            rule=rule,
-            worth=worth,
             bounds=bounds,
             ours="; ".join(words.values()),
             verdict=verdicts.pop() if len(verdicts) == 1 else UNDECIDED,
             interval=next(iter(cut.values())),
-            **_filled(declared, fields),
+            **given,
         )
 
 
@@ -168,12 +163,9 @@ def _rule_of(declared: Mapping[str, Any]) -> Bounds | None:
     return tuple(declared["rule"]) if "rule" in declared else None
 
 
-def _worth_of(declared: Mapping[str, Any], rule: Bounds | None) -> float:
-    """Return the least gain that counts, of a rule open above."""
+def _judged_by(rule: Bounds | None, declared: Entries, fields: Entries) -> Entries:
+    """Return a rule, the gain over it that counts, and the texts with their fields filled in."""
     is_open_above = rule is not None and math.isinf(rule[1])
-    return float(declared.get("worth", WORTH)) if is_open_above else 0.0
-
-
-def _filled(declared: Mapping[str, Any], fields: Mapping[str, Any]) -> Entries:
-    """Return the texts of a statement with their fields filled in."""
-    return {name: declared.get(name, "").format(**fields) for name in _TEXTS}
+    worth = float(declared.get("worth", WORTH)) if is_open_above else 0.0
+    texts = {name: declared.get(name, "").format(**fields) for name in _TEXTS}
+    return {"rule": rule, "worth": worth, **texts}

@@ -20,7 +20,7 @@ from flgpr.scoring.bootstrap import make_design, make_scores
 from flgpr.scoring.lane_roc import AreaRule
 from flgpr.scoring.matching import select_targets
 from flgpr.screen import prescreen
-from flgpr.types import AnyArray, Entries, FloatArray
+from flgpr.types import AnyArray, Entries, FloatArray, floats
 from flgpr_papers.kit.rescoring import Draw, Rescorer
 
 
@@ -189,7 +189,7 @@ class Pool:
         draw : Draw, optional
             Weights of the examples.
         """
-        known = np.isfinite(self.features[list(columns)].to_numpy(dtype=np.float64)).all(axis=1)
+        known = np.isfinite(floats(self.features[list(columns)])).all(axis=1)
         lane = self.labels["lane"].to_numpy()
         on_lane = known & np.isin(lane, list(only or self.lanes))
         if not cross:
@@ -222,7 +222,7 @@ class Pool:
             weight = weight * draw.alarm.astype(np.int64)
         hit = (labels["label"] == "hit").to_numpy().astype(np.int64)
         return make_fold(
-            np.nan_to_num(self.features[list(columns)].to_numpy(float)), hit, weight, use, test
+            np.nan_to_num(floats(self.features[list(columns)])), hit, weight, use, test
         )
 
     def singles(self, columns: Sequence[str], method: str) -> FloatArray:
@@ -343,7 +343,7 @@ class Pool:
         draws : int
             Number of bootstrap draws.
         """
-        values = self.features[column].to_numpy(dtype=np.float64)
+        values = floats(self.features[column])
         labels = self.labels
         is_known = np.isfinite(values)
         hit = is_known & ((labels["label"] == "hit") & (labels["beta"] == 1)).to_numpy()
@@ -383,7 +383,7 @@ class Pool:
         chosen = []
         for name in self.lanes:
             names = self._search_without(name, columns, steps)
-            is_known = np.isfinite(self.features[names].to_numpy(float)).all(axis=1)
+            is_known = np.isfinite(floats(self.features[names])).all(axis=1)
             fold = self._fold(names, is_known & (lane != name), is_known & (lane == name), True)
             confidence[fold.samples] = _refit([fold], len(self.labels))[fold.samples]
             chosen.append(names)
@@ -498,7 +498,7 @@ def _target_distance(result: LaneResult) -> FloatArray:
     x = result.view["x"].values
     y = result.view["y"].values[:, None]
     distance = np.full((y.size, x.size), np.inf)
-    for target_x, target_y in result.truth[["x", "y"]].to_numpy(dtype=np.float64):
+    for target_x, target_y in floats(result.truth[["x", "y"]]):
         distance = np.minimum(distance, np.hypot(x - target_x, y - target_y))
     return distance
 

@@ -163,7 +163,7 @@ def _example(
 def _distances(alarms: pd.DataFrame, targets: pd.DataFrame) -> FloatArray:
     """Return the distance (alarm, target) of every alarm from every target, m."""
     gap = alarms[["x", "y"]].to_numpy()[:, None] - targets[["x", "y"]].to_numpy()
-    return np.asarray(np.hypot(*gap.transpose(2, 0, 1)))
+    return np.hypot(*gap.transpose(2, 0, 1))
 
 
 def series_scans(scans: AnyArray, poses: FloatArray, y: float, middle: float) -> list[int]:

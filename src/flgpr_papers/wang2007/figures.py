@@ -354,7 +354,7 @@ def _scan(
 def _is_within(axis: AnyArray, limits: tuple[float, float]) -> BoolArray:
     """Return which positions of an axis lie within limits."""
     middle = sum(limits) / 2
-    return np.asarray(np.abs(axis - middle) <= np.ptp(limits) / 2)
+    return np.abs(axis - middle) <= np.ptp(limits) / 2
 
 
 def _scan_axes(panels: Panels, label: str = "dB below the image's largest") -> None:

@@ -16,7 +16,7 @@ from flgpr.features import FEATURES
 from flgpr.method.classifier import CLASSIFIER_A, CLASSIFIER_B, make_training_set, train
 from flgpr.recipe.schema import Recipe
 from flgpr.scoring import Match, compare
-from flgpr.types import Entries, FloatArray
+from flgpr.types import Entries, FloatArray, floats
 from flgpr_papers.kit.findings import Finding
 from flgpr_papers.kit.intervals import (
     SHARE,
@@ -164,7 +164,7 @@ class SingleFeatures:
     """
 
     def __init__(self, pool: Pool, table: pd.DataFrame, draws: int) -> None:
-        self.values = {method: table.loc[method].to_numpy(np.float64) for method in "ABCD"}
+        self.values = {method: floats(table.loc[method]) for method in "ABCD"}
         self.drawn = pool.singles_in(F1, "ABCD", draws)
 
     def level(self, feature: str) -> Interval:
