@@ -14,13 +14,17 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 from pydantic import Field, ValidationError, model_validator
 
 from flgpr.door import read_named
 from flgpr.jobs.simulated_lane import simulate_to_store
+from flgpr.method.imaged_run import ImagedRun
+from flgpr.method.method import engine_of
 from flgpr.model import Lane, Sensor, load_sensor
 from flgpr.model.bounds import AtLeastOne
 from flgpr.model.faults import describe_fault, faults_of, listed_faults
+from flgpr.recipe.schema import parse_recipe
 from flgpr.simulate import Scene, draw_world
 from flgpr.stages import Positive, Table
 from flgpr.store import (
@@ -34,6 +38,7 @@ from flgpr.store import (
 )
 from flgpr.store.files import existing
 from flgpr.store.lane_file import lane_file_of
+from flgpr.store.tables import read_table_in
 from flgpr.toml_text import parse_toml
 from flgpr.types import Entries
 
@@ -178,6 +183,44 @@ class Description(Table):
 
 
 @dataclass(frozen=True)
+class LaneData:
+    """A lane of a proving ground; what it holds is read when it is asked for."""
+
+    name: str  #: its name on the ground
+    site: str  #: name of its site
+    part: str  #: "train", "validate" or "test"; the truth of the last is sealed
+    lane: Lane  #: its borders, m in the lane frame
+    folder: Path = field(repr=False)  #: has the lanes of the ground
+    recipe: str = field(repr=False)  #: TOML text of the recipe that makes the image
+
+    @cached_property
+    def run(self) -> xr.Dataset:
+        """The run: ``signal`` (scan, polarization, pair, frequency), positions and poses."""
+        return open_run(self.folder / f"{self.name}.zarr")
+
+    @cached_property
+    def image(self) -> xr.DataArray:
+        """The run-view (polarization, subband, y, x) in the lane frame, over the background."""
+        setup = ImagedRun(self.run, parse_recipe(self.recipe), self.lane, explains=False)
+        engine = engine_of(setup)
+        engine.run(names=list(engine.passes)[: list(engine.passes).index("view") + 1])
+        return setup.view()
+
+    @property
+    def truth(self) -> pd.DataFrame:
+        """The targets: ``x``, ``y`` (m), ``kind``, ``depth`` (m), ``target_id``.
+
+        Raises
+        ------
+        ValueError
+            If the lane is one to test on.
+        """
+        if self.part == "test":
+            raise ValueError(f"truth must be of a training lane, got {self.name}, which is sealed")
+        return read_table_in(self.folder, f"{self.name}-truth.csv", "truth")
+
+
+@dataclass(frozen=True)
 class GroundLane:
     """A lane of the ground: a scene that is simulated, or a run store with its truth."""
 
@@ -208,6 +251,10 @@ class GroundLane:
     def length(self) -> float:
         """Its length, m."""
         return self.lane.y_max - self.lane.y_min
+
+    def data(self, folder: Path, recipe: str) -> LaneData:
+        """Return it as it lies in a folder, with the recipe (TOML text) of its image."""
+        return LaneData(self.name, self.site, self.part, self.lane, folder, recipe)
 
     def truth(self) -> pd.DataFrame:
         """Return the table of its targets."""

@@ -23,7 +23,7 @@ import pandas as pd
 from flgpr.model import check_alarms
 from flgpr.store import sha256
 from flgpr.types import FloatArray
-from flgpr_ground.lane_data import LaneData
+from flgpr_ground.ground import LaneData
 
 FEATURES = ("[CMPR]_*",)
 """Columns that a class without ``features`` is given: Wang et al. 2007's ten in every sub-band."""
@@ -36,7 +36,7 @@ class OwnDetector:
 
     It has ``fit``, and ``decision_function`` or ``predict_proba``, which take rows of features of
     alarms as scikit-learn's classifiers do; or ``detect``, and its ``fit`` and ``detect`` take lanes
-    (:class:`flgpr_ground.lane_data.LaneData`).
+    (:class:`flgpr_ground.ground.LaneData`).
     """
 
     path: str  #: "module:Class"

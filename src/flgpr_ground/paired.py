@@ -34,7 +34,6 @@ from flgpr_ground.entering import SHOWN
 from flgpr_ground.entries import packaged_entries
 from flgpr_ground.figures import kind_label
 from flgpr_ground.ground import Ground, opening_split
-from flgpr_ground.lane_data import lane_data
 from flgpr_ground.lanes import SEALED, passphrase, read_ground
 from flgpr_ground.running import ALARMS, entry_folder
 from flgpr_ground.table import (
@@ -263,7 +262,7 @@ def _chips(
     else:
         recipe = packaged.text
     for name, targets in pair.targets.groupby("lane"):
-        data = lane_data(pair.tier.lanes[str(name)], home / "lanes", recipe)
+        data = pair.tier.lanes[str(name)].data(home / "lanes", recipe)
         view = data.image.sel(subband=parse_recipe(recipe).prescreen.subband)
         for target in targets["target_id"]:
             x, y = places.loc[target]

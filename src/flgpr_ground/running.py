@@ -31,7 +31,6 @@ from flgpr.types import Entries
 from flgpr_ground.card import CARD
 from flgpr_ground.entries import ORACLES, Entry, find_entry, packaged_entries
 from flgpr_ground.ground import Ground, GroundLane, in_tier, load_ground
-from flgpr_ground.lane_data import LaneData, lane_data
 from flgpr_ground.lanes import begin_folder, make_lanes
 from flgpr_ground.own import OwnDetector
 
@@ -164,7 +163,9 @@ class _EntryRun:
         """Return the alarms of a class in a lane, whose recipe's alarms and features are given."""
         if table is None:
             self.costs.pop(lane.name, None)  # of an earlier fold
-            return self._timed(lane.name, own.detect, fitted, self._lane_data(lane))
+            return self._timed(
+                lane.name, own.detect, fitted, lane.data(self.lanes, self.entry.text)
+            )
         alarms, rows = table
         columns = own.columns(list(rows.columns))
         complete = feature_values(rows, columns)[1]
@@ -173,7 +174,7 @@ class _EntryRun:
 
     def _own_examples(self, own: OwnDetector, lanes: Sequence[GroundLane]) -> tuple[Any, ...]:
         """Return what a class of one's own learns from: lanes, or features and labels of alarms."""
-        given = [self._lane_data(lane) for lane in lanes]
+        given = [lane.data(self.lanes, self.entry.text) for lane in lanes]
         if own.takes_lanes:
             return (given,)
         examples = []
@@ -198,10 +199,6 @@ class _EntryRun:
             alarms = read_table_in(folder, f"{lane.name}-alarms.csv", "alarms")
             tables.append((alarms, parse_columns(Folder(folder).read(f"{lane.name}.csv"))))
         return tables
-
-    def _lane_data(self, lane: GroundLane) -> LaneData:
-        """Return a lane as a class of one's own sees it."""
-        return lane_data(lane, self.lanes, self.entry.text)
 
     def _timed(self, work: str, call: Callable[..., T], *given: Any) -> T:
         """Call a method of one's own, and count its processor time under a name of the costs."""

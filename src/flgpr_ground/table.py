@@ -32,7 +32,6 @@ from flgpr.types import Entries
 from flgpr_ground.card import entered_card, parse_card
 from flgpr_ground.entries import ORACLES, packaged_entries
 from flgpr_ground.figures import split_figure, tiers_figure
-from flgpr_ground.fingerprints import same_lanes
 from flgpr_ground.ground import (
     BODY,
     MINES,
@@ -42,7 +41,7 @@ from flgpr_ground.ground import (
     opening_split,
     scores_at,
 )
-from flgpr_ground.lanes import SEALED, common_ground, passphrase
+from flgpr_ground.lanes import SEALED, common_ground, passphrase, same_lanes
 from flgpr_ground.oracle import oracle_file
 from flgpr_ground.running import ABOUT, ALARMS, entry_folder, measured_cost
 from flgpr_trials.blind import match_blind

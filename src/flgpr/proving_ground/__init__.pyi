@@ -3,8 +3,8 @@ from flgpr_ground.entering import write_submissions as write_submissions
 from flgpr_ground.entries import find_entry as find_entry
 from flgpr_ground.entries import packaged_entries as packaged_entries
 from flgpr_ground.ground import Ground as Ground
+from flgpr_ground.ground import LaneData as LaneData
 from flgpr_ground.ground import load_ground as load_ground
-from flgpr_ground.lane_data import LaneData as LaneData
 from flgpr_ground.lanes import make_ground as make_ground
 from flgpr_ground.lanes import open_lane as open_lane
 from flgpr_ground.leaderboard import write_leaderboard as write_leaderboard

@@ -16,7 +16,7 @@ from flgpr.scoring.curve import held_pd_mean
 from flgpr.types import ArrayLike, Entries, FloatArray, floats
 from flgpr_papers.cosgrove2004.detect import FORMS, alone, example_name
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
-from flgpr_papers.kit.findings import UNDECIDED, WORTH, Finding, in_words, shows
+from flgpr_papers.kit.findings import UNDECIDED, WORTH, Finding, Statements, in_words, shows
 from flgpr_papers.kit.intervals import (
     SHARE,
     SHARE_DIFFERENCE,
@@ -29,7 +29,6 @@ from flgpr_papers.kit.intervals import (
     students,
     together,
 )
-from flgpr_papers.kit.statements import Statements
 
 Case = Entries
 """What was measured on a lane, as JSON can hold it."""

@@ -124,28 +124,6 @@ def sparsity(material: Material) -> Results:
     return results
 
 
-def paper_size(material: Material, seed: int) -> Results:
-    """Run the leave-one-out of Fig. 6 with as many examples as the paper has, drawn by a seed.
-
-    They are of the temperate site, the last one.
-    """
-    options = material.settings.classify
-    results = Results()
-    chosen = pick_examples(material.examples[-1], ("metal",), (-1.0, SHALLOW), "VV")
-    few = thin_examples(chosen, options.examples, seed)
-    measure = material.measure(few)
-    machines = {"RVM": rvm(options), "SVM": svm(options), "polynomial": rvm(options, "poly")}
-    scores = {name: leave_one_out(few, one, options.folds) for name, one in machines.items()}
-    shares = scores["RVM"].vector_share, scores["SVM"].vector_share
-    for name, rival in (("machines", "SVM"), ("kernel", "polynomial")):
-        gap = measure.difference(scores["RVM"], scores[rival])
-        results.judge(name, gap)
-    results.judge("relevance-share", spread_of_folds(shares[0]))
-    results.judge("support-share", spread_of_folds(shares[1]))
-    results.judge("sparser", ratio_interval(*shares))
-    return results
-
-
 def unscreened(material: Material) -> Results:
     """Run Fig. 7 to 9: metal and plastic mines without prescreener, at the temperate site.
 

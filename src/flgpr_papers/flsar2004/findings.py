@@ -15,9 +15,8 @@ from flgpr.types import AnyArray, BoolArray, Entries, FloatArray
 from flgpr_papers.flsar2004.examples import Site, make_templates, open_examples
 from flgpr_papers.flsar2004.lanes import Settings
 from flgpr_papers.flsar2004.machines import Examples, HeldOut
-from flgpr_papers.kit.findings import Finding, finding_of
+from flgpr_papers.kit.findings import Finding, Statements, finding_of
 from flgpr_papers.kit.intervals import Interval, percentiles
-from flgpr_papers.kit.statements import Statements
 
 SHALLOW = 0.06
 """Depth down to which the paper's first three depths lie, m, with their scatter."""

@@ -13,9 +13,8 @@ from matplotlib.patches import Circle, Rectangle
 
 from flgpr.clutter import TABLE_II
 from flgpr.types import AnyArray, Entries
-from flgpr_papers.fuse2018.findings import PAPER_DB, power_db, strongest_boxes
+from flgpr_papers.fuse2018.findings import CONVENTIONS, PAPER_DB, power_db, scored, strongest_boxes
 from flgpr_papers.fuse2018.lanes import FuseRecipe, band_sensor
-from flgpr_papers.fuse2018.matches import CONVENTIONS, scored
 from flgpr_papers.fuse2018.process import LaneResult
 from flgpr_papers.fuse2018.suppression import VARIANTS, Calibration
 from flgpr_papers.kit.figures import Figures, Panels, chance_line, colour_bar, show, steps

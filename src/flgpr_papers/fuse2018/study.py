@@ -21,7 +21,14 @@ from flgpr.scoring import pd_at
 from flgpr.types import Entries
 from flgpr_papers.fuse2018 import figures
 from flgpr_papers.fuse2018.figures import Measured
-from flgpr_papers.fuse2018.findings import STATEMENTS, all_findings, power_db, strongest_boxes
+from flgpr_papers.fuse2018.findings import (
+    CONVENTIONS,
+    STATEMENTS,
+    all_findings,
+    power_db,
+    scored,
+    strongest_boxes,
+)
 from flgpr_papers.fuse2018.lanes import (
     BANDS,
     Frames,
@@ -31,16 +38,15 @@ from flgpr_papers.fuse2018.lanes import (
     masks_stage,
     simulate_lane,
 )
-from flgpr_papers.fuse2018.matches import CONVENTIONS, scored
 from flgpr_papers.fuse2018.process import (
     LaneResult,
+    example_arrays,
     process_lane,
     read_records,
     result_key,
     stored_calibration,
     write_records,
 )
-from flgpr_papers.fuse2018.records import example_arrays
 from flgpr_papers.fuse2018.suppression import VARIANTS, Calibration, Cleaned
 from flgpr_papers.kit.cache import read_arrays, write_arrays
 from flgpr_papers.kit.findings import Finding

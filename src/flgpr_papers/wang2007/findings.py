@@ -17,7 +17,7 @@ from flgpr.method.classifier import CLASSIFIER_A, CLASSIFIER_B, make_training_se
 from flgpr.recipe.schema import Recipe
 from flgpr.scoring import Match, compare
 from flgpr.types import Entries, FloatArray, floats
-from flgpr_papers.kit.findings import Finding
+from flgpr_papers.kit.findings import Finding, Statements
 from flgpr_papers.kit.intervals import (
     SHARE,
     SHARE_DIFFERENCE,
@@ -29,7 +29,6 @@ from flgpr_papers.kit.intervals import (
     together,
 )
 from flgpr_papers.kit.page import detections_at, pd_in_words
-from flgpr_papers.kit.statements import Statements
 from flgpr_papers.wang2007.analysis import (
     AREA,
     BANDS,
