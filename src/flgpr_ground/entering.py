@@ -24,11 +24,11 @@ from flgpr.store.outputs import atomic_output, discard_partials, locked_folder
 from flgpr.store.tables import read_table_in
 from flgpr.toml_text import toml_value
 from flgpr.types import Entries
+from flgpr_ground.board import refuse_other_page, write_leaderboard
 from flgpr_ground.card import CARD, RECORD, entered_card, parse_card
 from flgpr_ground.entries import Entry
 from flgpr_ground.ground import Ground, in_tier
 from flgpr_ground.lanes import PRINTS, begin_folder, read_ground, seal_tested
-from flgpr_ground.leaderboard import refuse_other_page, write_leaderboard
 from flgpr_ground.running import ABOUT, ALARMS, entry_folder, measured_cost, write_about
 from flgpr_ground.submission import Submission, check_submission
 from flgpr_ground.table import write_score_tables

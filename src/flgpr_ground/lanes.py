@@ -22,7 +22,7 @@ from flgpr.store.run_writer import is_finished
 from flgpr.store.tables import parse_columns, parse_csv
 from flgpr.types import Entries
 from flgpr_ground.entries import packaged_entries
-from flgpr_ground.ground import Ground, load_ground, packaged_text
+from flgpr_ground.ground import Ground, LaneData, load_ground, packaged_text
 from flgpr_trials.sealing import seal_truth
 
 SEALED = "truth.sealed.json"

@@ -214,6 +214,27 @@ def _track_position(track: Sequence[FloatArray]) -> FloatArray:
     return np.average(points[:, :2], axis=0, weights=points[:, 2])
 
 
+def pooled(lanes: Sequence[LaneResult], table: str, name: str = "target") -> pd.DataFrame:
+    """Return a table of several lanes.
+
+    Parameters
+    ----------
+    lanes : sequence of LaneResult
+        Results of the lanes.
+    table : str
+        Name of the table.
+    name : str
+        Its column with the name of a mine or an object.
+
+    Returns
+    -------
+    DataFrame
+        The rows of all lanes, with ``lane`` and with ``cluster``, the mine or object by lane.
+    """
+    rows = pd.concat([getattr(lane, table).assign(lane=lane.name) for lane in lanes])
+    return rows.assign(cluster=rows["lane"] + rows[name].astype(str))
+
+
 def strongest_boxes(lanes: Sequence[LaneResult]) -> pd.DataFrame:
     """Return the strongest clutter box left and right of every frame, a row each.
 
@@ -225,19 +246,14 @@ def strongest_boxes(lanes: Sequence[LaneResult]) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        ``lane``, ``frame``, ``side``, ``object``, the power at every stage and of every variant,
-        and ``cluster``, the object by lane.
+        ``lane``, ``frame``, ``side``, ``object``, ``cluster``, the object by lane, and the power at
+        every stage and of every variant.
     """
-    tables = []
-    for lane in lanes:
-        if lane.boxes.empty:
-            continue
-        wide = lane.boxes.pivot_table(
-            index=["frame", "side", "object"], columns="stage", values="power"
-        ).reset_index()
-        best = wide.loc[wide.groupby(["frame", "side"])["#0"].idxmax()]
-        tables.append(best.assign(lane=lane.name, cluster=lane.name + best["object"].astype(str)))
-    return pd.concat(tables, ignore_index=True)
+    rows = pooled([lane for lane in lanes if len(lane.boxes)], "boxes", "object")
+    of_box = ["lane", "frame", "side", "object", "cluster"]
+    wide = rows.pivot_table(index=of_box, columns="stage", values="power").reset_index()
+    strongest = wide.groupby(of_box[:3])["#0"].idxmax()
+    return wide.loc[strongest].reset_index(drop=True)
 
 
 def power_db(boxes: pd.DataFrame, stage: str) -> FloatArray:
@@ -262,15 +278,10 @@ def mine_changes(lanes: Sequence[LaneResult], variant: str) -> tuple[FloatArray,
     variant : str
         Name of the variant.
     """
-    changes = []
-    mines = []
-    for lane in lanes:
-        wide = lane.mines.pivot_table(
-            index=["frame", "target"], columns="variant", values="peak"
-        ).reset_index()
-        changes.append(20 * np.log10(wide[variant].to_numpy() / wide["original"].to_numpy()))
-        mines.append(lane.name + wide["target"].astype(str))
-    return np.concatenate(changes), pd.concat(mines, ignore_index=True)
+    of_look = ["lane", "frame", "target", "cluster"]
+    wide = pooled(lanes, "mines").pivot_table(index=of_look, columns="variant", values="peak")
+    wide = wide.reset_index()
+    return 20 * np.log10(wide[variant].to_numpy() / wide["original"].to_numpy()), wide["cluster"]
 
 
 def mine_powers(lanes: Sequence[LaneResult], variant: str) -> tuple[FloatArray, pd.Series]:
@@ -278,10 +289,9 @@ def mine_powers(lanes: Sequence[LaneResult], variant: str) -> tuple[FloatArray, 
 
     The parameters are those of :func:`mine_changes`.
     """
-    tables = [lane.mines.assign(lane=lane.name) for lane in lanes]
-    rows = pd.concat(tables)
+    rows = pooled(lanes, "mines")
     rows = rows[rows["variant"] == variant]
-    return 10 * np.log10(rows["power"].to_numpy()), rows["lane"] + rows["target"].astype(str)
+    return 10 * np.log10(rows["power"].to_numpy()), rows["cluster"]
 
 
 def own_changes(lanes: Sequence[LaneResult], variant: str) -> tuple[FloatArray, pd.Series]:
@@ -294,11 +304,9 @@ def own_changes(lanes: Sequence[LaneResult], variant: str) -> tuple[FloatArray, 
     variant : str
         Name of the variant.
     """
-    tables = []
-    for lane in lanes:
-        tables.append(lane.own[lane.own["variant"] == variant].assign(lane=lane.name))
-    rows = pd.concat(tables)
-    return floats(rows["change_db"]), rows["lane"] + rows["target"].astype(str)
+    rows = pooled(lanes, "own")
+    rows = rows[rows["variant"] == variant]
+    return floats(rows["change_db"]), rows["cluster"]
 
 
 def frame_spread(boxes: pd.DataFrame, values: FloatArray) -> float:
@@ -315,16 +323,11 @@ def frame_spread(boxes: pd.DataFrame, values: FloatArray) -> float:
     values : (box,) ndarray
         A value for each box, dB.
     """
-    means = _frame_means(boxes, values)
+    frames = boxes.assign(value=values).groupby(["lane", "frame"])["value"].agg(["mean", "count"])
+    means = frames.loc[frames["count"] == 2, "mean"]
     if len(means) < 2:
         return 0.0
     return float(stdtrit(len(means) - 1, 0.975) * means.std())
-
-
-def _frame_means(boxes: pd.DataFrame, values: FloatArray) -> pd.Series:
-    """Return the mean of a frame's two boxes, where it has two."""
-    frames = boxes.assign(value=values).groupby(["lane", "frame"])["value"].agg(["mean", "count"])
-    return frames.loc[frames["count"] == 2, "mean"]
 
 
 def with_interval(interval: Interval) -> str:
@@ -460,8 +463,7 @@ def _band_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Find
 
     It is how the bands tell buried targets from clutter, and what the fundamental part covers.
     """
-    table = pd.concat([lane.bands.assign(lane=lane.name) for lane in lanes])
-    table["cluster"] = table["lane"] + table["name"].astype(str)
+    table = pooled(lanes, "bands", "name")
     clutter, mines = [table[table["what"] == what] for what in ("clutter", "mine")]
     findings = []
     for band, title in (("vh", "L band VH"), ("x", "X band")):
@@ -510,9 +512,9 @@ def _mine_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Find
         mines=targets.nunique(),
         halo=with_interval(halo),
     )
-    looks = pd.concat([lane.mines.assign(lane=lane.name) for lane in lanes])
+    looks = pooled(lanes, "mines")
     looks = looks[looks["variant"] == "original"]
-    masked = clustered(looks["masked"], looks["lane"] + looks["target"].astype(str), draws)
+    masked = clustered(looks["masked"], looks["cluster"], draws)
     return [kept, STATEMENTS.number("spares-targets", masked, looks=len(looks))]
 
 

@@ -263,5 +263,5 @@ def spread(
     bounds : Bounds, optional
         Bounds of the value, at which the interval is cut.
     """
-    half = float(stdtrit(np.size(draws) - 1, (1 + level) / 2) * np.std(draws, ddof=1))
+    half = float(stdtrit(np.size(draws) - 1, (1 + level) / 2) * np.std(floats(draws), ddof=1))
     return clip((value, value - half, value + half), bounds)

@@ -18,7 +18,7 @@ from flgpr.simulate.bodies.signature.table import body_size
 from flgpr.types import Entries
 from flgpr_papers.kit.mines import mix_counts
 from flgpr_papers.kit.settings import packaged_text
-from flgpr_papers.kit.study_worlds import AS_FOUND, OWN, StudyWorld, study_world
+from flgpr_papers.kit.study_worlds import OWN, StudyWorld, study_world
 
 LaneScenes = dict[str, tuple[Scene, int]]
 """Scene and seed of each lane by its name."""
@@ -42,22 +42,12 @@ def blind_scenes(world: str = OWN) -> LaneScenes:
     return _scenes("blind", study_world("wang2007", world))
 
 
-def quick_scenes(site: str | None = None, world: str = OWN) -> tuple[LaneScenes, LaneScenes]:
-    """Return small calibration and blind lanes that only show that everything runs.
+def quick_scenes(world: str = OWN) -> tuple[LaneScenes, LaneScenes]:
+    """Return small calibration and blind lanes of a world that only show that everything runs.
 
     They have few targets and thinned surface clutter.
-
-    Parameters
-    ----------
-    site : str, optional
-        Site of the lanes: a packaged one, or the path of a file. The mines have generic bodies
-        then, as on roads as found.
-    world : str
-        World whose site and bodies the lanes have, where there is no ``site``.
     """
-    declared = study_world("wang2007", world if site is None else AS_FOUND)
-    if site is not None:
-        declared = declared.model_copy(update={"sites": {"lane": site}})
+    declared = study_world("wang2007", world)
     return _scenes("quick-calibration", declared), _scenes("quick-blind", declared)
 
 

@@ -262,7 +262,7 @@ def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
 def lane_scenes(quick: bool, world: str = OWN) -> tuple[LaneScenes, LaneScenes]:
     """Return the scenes of the calibration and of the blind lanes."""
     if quick:
-        return quick_scenes(world=world)
+        return quick_scenes(world)
     return calibration_scenes(world), blind_scenes(world)
 
 
