@@ -240,7 +240,7 @@ class GroundLane:
 
         The patterns of splits match this name.
         """
-        return self.name.removeprefix(f"{self.tier}-") if self.tier else self.name
+        return self.name.removeprefix(f"{self.tier}-")
 
     @property
     def empty(self) -> bool:
@@ -389,7 +389,8 @@ class Ground:
                     lane = Lane(*row.borders)
                     stored = (Path(row.run), Path(row.truth))
                     if row.packaged_lane is not None:
-                        stored = sample_files(row.packaged_lane)
+                        folder = sample_lane(row.packaged_lane)
+                        stored = (folder / "run.zarr", folder / "truth.csv")
                     yield GroundLane(
                         f"{prefix}-1", site, row.part, lane, 0, Scene(), preset, stored, tier
                     )
@@ -433,12 +434,6 @@ def in_tier(alarms: pd.DataFrame, tier: Ground) -> pd.DataFrame:
     if not tier.tier:
         return alarms
     return alarms[alarms["lane"].isin(tier.lanes)].reset_index(drop=True)
-
-
-def sample_files(name: str = SAMPLE_LANES[0]) -> tuple[Path, Path]:
-    """Return the run store and the truth of a packaged full-wave lane, by default the first."""
-    folder = sample_lane(name)
-    return folder / "run.zarr", folder / "truth.csv"
 
 
 def load_ground(quick: bool = False, source: str | Path | None = None) -> Ground:

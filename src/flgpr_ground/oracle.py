@@ -254,7 +254,8 @@ class BareGround:
     def __init__(self, setup: ImagedRun, lane: Lane, kinds: tuple[str, ...] = ("full",)) -> None:
         self.grid = Grid.spanning((lane.x_min, lane.x_max), (lane.y_min, lane.y_max), STEP)
         self.area = lane.area
-        looks = looks_at(setup, self.grid.points().reshape(-1, 3))
+        points = self.grid.points().reshape(-1, 3)
+        looks = join_looks([of_scan for _, _, of_scan in _looks_of_scans(setup, points)])
         self.place = looks.place
         self.ahead = looks.ahead
         # Clutter weakens and resolution falls with distance: a covariance for every metre.
@@ -400,24 +401,6 @@ def cleaned_run(run: xr.Dataset, lane: Lane, recipe: str) -> ImagedRun:
     setup = ImagedRun(run, load_recipe(recipe), lane, explains=False)
     engine_of(setup).run(names=("signature", "gain"))
     return setup
-
-
-def looks_at(setup: ImagedRun, points: FloatArray) -> Looks:
-    """Cut the chips about places out of all scans that see them.
-
-    Parameters
-    ----------
-    setup : ImagedRun
-        A lane with its background.
-    points : (place, 3) ndarray
-        Places in the lane frame, m.
-
-    Returns
-    -------
-    Looks
-        Scan after scan.
-    """
-    return join_looks([looks for _, _, looks in _looks_of_scans(setup, points)])
 
 
 def _looks_of_scans(

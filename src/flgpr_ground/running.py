@@ -10,7 +10,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -67,34 +67,21 @@ def measured_cost(ground: Ground, name: str, entry: Path) -> Entries:
     }
 
 
+@dataclass
 class _EntryRun:
-    """The run of an entry over a ground.
+    """The run of an entry over a ground."""
 
-    Parameters
-    ----------
-    ground : Ground
-        The ground, or one tier of it.
-    entry : Entry
-        An entry that is a recipe or a class of one's own.
-    lanes : Path
-        The folder that has the lanes.
-    folder : Path
-        Takes what the entry makes.
-    options : RunOptions
-        Who does the work.
-    """
+    ground: Ground  #: the ground, or one tier of it
+    entry: Entry  #: an entry that is a recipe or a class of one's own
+    lanes: Path  #: the folder that has the lanes
+    folder: Path  #: takes what the entry makes
+    options: RunOptions  #: who does the work
+    #: classes of one's own, by training lanes
+    fitted: dict[tuple[str, ...], Any] = field(default_factory=dict)
 
-    def __init__(
-        self, ground: Ground, entry: Entry, lanes: Path, folder: Path, options: RunOptions
-    ) -> None:
-        self.ground = ground
-        self.entry = entry
-        self.lanes = lanes
-        self.folder = folder
-        self.options = options
-        self.fitted: dict[tuple[str, ...], Any] = {}  # classes of one's own, by training lanes
-        write_whole(folder / "recipe.toml", entry.text)
-        self.costs = read_costs(folder)
+    def __post_init__(self) -> None:
+        write_whole(self.folder / "recipe.toml", self.entry.text)
+        self.costs = read_costs(self.folder)
 
     def run(self) -> None:
         """Write the alarms of every split, fold by fold; folds that are there are left alone."""
@@ -477,5 +464,4 @@ def _checked_entries(names: Sequence[str | Path], ground: Ground) -> list[Entry]
 
 def entry_folder(folder: Path, entry: str, ground: Ground) -> Path:
     """Return the folder of what an entry makes on a ground, or on one tier of it."""
-    of_entry = folder / "entries" / entry
-    return of_entry / ground.tier if ground.tier else of_entry
+    return folder / "entries" / entry / ground.tier

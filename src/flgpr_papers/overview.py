@@ -143,7 +143,11 @@ def write_overview(folder: Path, pages: Mapping[str, Path], quick: bool, world: 
         if paper in pages
     }
     table_name = "verdicts.csv" if world == OWN else f"verdicts-{world}.csv"
-    write_whole(folder / table_name, verdicts_csv(verdicts))
+    rows = [(paper, *row) for paper, of_paper in verdicts.items() for row in of_paper]
+    table = pd.DataFrame(rows, columns=["paper", "claim", "stated", "ours", "verdict"])
+    write_whole(
+        folder / table_name, table.to_csv(index=False, quoting=csv.QUOTE_ALL, lineterminator="\n")
+    )
     other_overview = overview_name(AS_FOUND if world == OWN else OWN)
     html = study_html(
         "overview.html",
@@ -247,13 +251,3 @@ def verdict_rows(folder: Path) -> list[VerdictRow]:
             claim = f"{finding.claim} ({details})" if details else finding.claim
             rows.append((claim, finding.paper, finding.ours, finding.verdict))
     return rows
-
-
-def verdicts_csv(verdicts: Mapping[str, Sequence[VerdictRow]]) -> str:
-    """Format the verdicts of all papers as CSV, every cell in quotes.
-
-    The columns are paper, claim, stated (the figure of the paper), ours and verdict.
-    """
-    rows = [(paper, *row) for paper, of_paper in verdicts.items() for row in of_paper]
-    table = pd.DataFrame(rows, columns=["paper", "claim", "stated", "ours", "verdict"])
-    return table.to_csv(index=False, quoting=csv.QUOTE_ALL, lineterminator="\n")

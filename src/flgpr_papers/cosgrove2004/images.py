@@ -261,7 +261,8 @@ def stop_looks(
     data = np.stack(list(signal))
     run = _run_of(simulator, data, simulator.time)
     images = run_images(recipe, run, simulator.sensor, signature)
-    rocks = _rocks(simulator)
+    rocks = [(one.x, one.y, 0.0) for one in simulator.world.objects if one.kind == "rock"]
+    rock_places = np.array(rocks).reshape(-1, 3)
     middle = np.array([np.mean(recipe.image.band)])
     permittivity = float(simulator.scene.soil.media(middle)[-1][0].real)
     placed = simulator.scene.targets if targets is None else targets
@@ -270,7 +271,7 @@ def stop_looks(
         pose = np.asarray(image.attrs["pose"])
         position = lane_to_scan(np.array([mine.x, mine.y, 0.0]), pose)[:2]
         shift = float(refraction_shift(mine.depth, permittivity, pose[2], recipe.radar.range))
-        rock_positions = lane_to_scan(rocks, pose)[:, :2]
+        rock_positions = lane_to_scan(rock_places, pose)[:, :2]
         look = Look(image, position, float(depth), bool(trains), shift, rock_positions)
         looks.append(look)
     return looks
@@ -287,12 +288,6 @@ def _imager(recipe: StudyRecipe, run: xr.Dataset, sensor: Sensor, grid: Grid) ->
     """Return what images the scans of a run in the study's band."""
     band = {BAND: recipe.image.band}
     return ScanImager(run, grid, band, window=tone_weight(recipe, sensor))
-
-
-def _rocks(simulator: Simulator) -> FloatArray:
-    """Return the positions (rock, 3) of the rocks on a lane, m."""
-    rocks = [(one.x, one.y, 0.0) for one in simulator.world.objects if one.kind == "rock"]
-    return np.array(rocks).reshape(-1, 3)
 
 
 def run_images(

@@ -104,8 +104,11 @@ def join(settings: Settings, drives: Sequence[Pass]) -> Site:
         tables.append(table)
         lanes.append(Lane(settings.lane[0], settings.lane[1], offset, settings.length + offset))
     mines = pd.concat(tables, ignore_index=True)
-    subset = _draw_subset(settings, drives[0].site, mines)
-    mines["subset"] = mines["target"].isin(subset)
+    # A share of all mines, and at least four.
+    names = np.sort(mines["target"].unique())
+    rng = np.random.default_rng(settings.seed + settings.sites.index(drives[0].site))
+    count = max(round(settings.features.share * len(names)), 4)
+    mines["subset"] = mines["target"].isin(rng.choice(names, count, replace=False))
     wave = np.concatenate([drive.image for drive in drives], axis=2)
     return Site(drives[0].site, wave, np.abs(wave), grid, mines, tuple(lanes), registration)
 
@@ -121,14 +124,6 @@ def _survey_offsets(settings: Settings, drive: Pass) -> dict[str, SurveyOffset]:
         name = f"{drive.direction} {POLARIZATIONS[p]} {settings.ranges[r]:g} m"
         offsets[name] = register_fiducials(np.abs(drive.image[p, r]), drive.grid, surveyed)
     return offsets
-
-
-def _draw_subset(settings: Settings, site: str, mines: pd.DataFrame) -> AnyArray:
-    """Draw the mines of the subset: a share of all, and at least four."""
-    names = np.sort(mines["target"].unique())
-    rng = np.random.default_rng(settings.seed + settings.sites.index(site))
-    count = max(round(settings.features.share * len(names)), 4)
-    return rng.choice(names, count, replace=False)
 
 
 def signatures(

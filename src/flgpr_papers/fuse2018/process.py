@@ -15,7 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from flgpr.clutter import TABLE_II, above, extended_mask, fundamental_mask, roadside_level
-from flgpr.model import Grid, ground_points, lane_to_scan, scan_to_lane
+from flgpr.model import ground_points, lane_to_scan, scan_to_lane
 from flgpr.progress import Track
 from flgpr.recipe.schema import recipe_text
 from flgpr.screen import MeanViewSums, frame_alarms
@@ -64,22 +64,6 @@ def roadside_objects(frames: Frames, pose: FloatArray, recipe: FuseRecipe) -> pd
     return objects.assign(x=x, y=y)[is_inside]
 
 
-def halo_of(grid: Grid, position: FloatArray, radius: float) -> BoolArray:
-    """Return which pixels (y, x) lie within a radius of a position, m."""
-    return np.hypot(grid.x - position[0], grid.y[:, None] - position[1]) <= radius
-
-
-def targets_in_area(
-    frames: Frames, pose: FloatArray, recipe: FuseRecipe
-) -> list[tuple[Any, FloatArray]]:
-    """Return the mines in the detection area of a frame: row of the truth, and position.
-
-    Positions (2,) are in the frame's scan frame, m.
-    """
-    placed = zip(frames.truth.itertuples(), local(frames.truth, pose), strict=True)
-    return [(row, position) for row, position in placed if recipe.area.contains(*position)]
-
-
 def stage_images(cleaned: Cleaned, chosen: BoolArray) -> dict[str, ComplexArray]:
     """Image the iterations, and the combinations of Table II as printed, on some pixels.
 
@@ -124,10 +108,14 @@ def aperture_rows(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> dict[
     """
     objects = roadside_objects(frames, cleaned.pose, recipe)
     boxes = _boxes_of(objects, cleaned, recipe)
-    halos = {}
-    for target, position in targets_in_area(frames, cleaned.pose, recipe):
-        halo = halo_of(cleaned.stage.grid, position, recipe.score.halo / 2)
-        halos[target.target_id] = target, halo, _box(cleaned, position, recipe)
+    halos: Halos = {}
+    grid = cleaned.stage.grid
+    placed = zip(frames.truth.itertuples(), local(frames.truth, cleaned.pose), strict=True)
+    for target, position in placed:
+        if recipe.area.contains(*position):
+            distance = np.hypot(grid.x - position[0], grid.y[:, None] - position[1])
+            halo = distance <= recipe.score.halo / 2
+            halos[target.target_id] = target, halo, _box(cleaned, position, recipe)
     tables = {
         "boxes": _box_rows(cleaned, objects, boxes) if boxes else [],
         "mines": _mine_rows(cleaned, halos),

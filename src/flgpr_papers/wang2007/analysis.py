@@ -22,21 +22,10 @@ from flgpr.scoring.matching import Subset, select_targets
 from flgpr.screen import prescreen
 from flgpr.types import AnyArray, Entries, FloatArray, floats
 
-
-def _is_no_simulant(kind: Any) -> Any:
-    """Return whether targets are mines."""
-    return kind != "simulant"
-
-
-def _is_buried(depth: Any) -> Any:
-    """Return whether targets lie in the ground."""
-    return depth > 0
-
-
-MINES = {"kind": _is_no_simulant}
+MINES = {"kind": lambda kind: kind != "simulant"}
 """Subset of the targets: actual mines."""
-BURIED_METAL = {"kind": "metal", "depth": _is_buried}
-BURIED_PLASTIC = {"kind": "plastic", "depth": _is_buried}
+BURIED_METAL = {"kind": "metal", "depth": lambda depth: depth > 0}
+BURIED_PLASTIC = {"kind": "plastic", "depth": lambda depth: depth > 0}
 SIMULANTS = {"kind": "simulant"}
 METHODS = {
     "A": "resubstitution with duplication",
@@ -314,34 +303,7 @@ class Pool:
         folds = self.folds(columns, *_settings(method), draw=draw)
         return _refit(folds, len(self.labels))
 
-    def singles_in(self, columns: Sequence[str], methods: str, draws: int) -> dict[str, FloatArray]:
-        """Return PD_mean (draw, feature) of every single feature by methods A-D.
-
-        They are trained anew in every draw.
-        """
-        return self._in_draws(single_features, columns, methods, draws)
-
-    def searches_in(
-        self, columns: Sequence[str], methods: str, draws: int
-    ) -> dict[str, FloatArray]:
-        """Return PD_mean (draw, step) of forward searches, searched anew in every draw.
-
-        Parameters
-        ----------
-        columns : sequence of str
-            Columns of the features.
-        methods : str
-            Methods, "A" to "D".
-        draws : int
-            Number of bootstrap draws.
-        """
-
-        def scores_of(folds: list[Fold], samples: int, scorer: Any) -> list[float]:
-            return [step.score for step in forward_search(folds, samples, scorer)]
-
-        return self._in_draws(scores_of, columns, methods, draws)
-
-    def _in_draws(
+    def in_draws(
         self, score: Callable[..., Any], columns: Sequence[str], methods: str, draws: int
     ) -> dict[str, FloatArray]:
         """Return the scores (draw, ...) of folds by methods A-D in every draw."""

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from flgpr.detect import SearchStep
+from flgpr.detect import Fold, SearchStep, forward_search, single_features
 from flgpr.features import FEATURES
 from flgpr.method.classifier import CLASSIFIER_A, CLASSIFIER_B, make_training_set, train
 from flgpr.recipe.schema import Recipe
@@ -164,7 +164,7 @@ class SingleFeatures:
 
     def __init__(self, pool: Pool, table: pd.DataFrame, draws: int) -> None:
         self.values = {method: floats(table.loc[method]) for method in "ABCD"}
-        self.drawn = pool.singles_in(F1, "ABCD", draws)
+        self.drawn = pool.in_draws(single_features, F1, "ABCD", draws)
 
     def level(self, feature: str) -> Interval:
         """Return PD_mean of a feature by method A."""
@@ -360,7 +360,7 @@ def _feature_findings(
     """Judge what the paper says of single features and their combinations (Tables I and II)."""
     singles = SingleFeatures(pool, table, retrainings(draws))
     steps = {name: np.array([step.score for step in found]) for name, found in searches.items()}
-    drawn_steps = pool.searches_in(F1, "ABCD", retrainings(draws))
+    drawn_steps = pool.in_draws(_scores_by_step, F1, "ABCD", retrainings(draws))
     contrast = pool.match_of(pool.confidence(_CONTRAST, "A"))
     magnitude = pool.match_of(pool.magnitude())
     gains = {
@@ -387,6 +387,11 @@ def _feature_findings(
         _STATEMENTS.within("single-duplication", duplicated),
         *_distribution_findings(pool, draws),
     ]
+
+
+def _scores_by_step(folds: list[Fold], samples: int, scorer: Any) -> list[float]:
+    """Return PD_mean after every step of a forward search."""
+    return [step.score for step in forward_search(folds, samples, scorer)]
 
 
 def _level_finding(singles: SingleFeatures) -> Finding:
