@@ -24,7 +24,7 @@ from flgpr_ground.card import CARD, RECORD, Card, entered_card, parse_card
 from flgpr_ground.citing import DATA_LICENCE, cite_ground, cite_submission, is_packaged
 from flgpr_ground.entries import ORACLES, packaged_entries
 from flgpr_ground.figures import leaderboard_figure
-from flgpr_ground.ground import Ground, by_pd, opening_split, scores_at
+from flgpr_ground.ground import Ground, Score, by_pd, opening_split, scores_at
 from flgpr_ground.lanes import SEALED, common_ground
 from flgpr_ground.table import beside_reference, paired_in_words, write_page
 from flgpr_trials.ledger import read_register
@@ -48,7 +48,7 @@ class Row:
 
     entry: str
     source: str  #: where it comes from: SUBMITTED, PACKAGED or RUN_HERE
-    score: Mapping[Any, Any]  #: its row of the scores: all mines at the FAR of comparison
+    score: Score  #: its row of the scores: all mines at the FAR of comparison
     first: int = 0  #: best rank that it can have; 0 if it is not ranked
     last: int = 0  #: worst rank that it can have
     unclear: tuple[str, ...] = ()  #: ranked entries that it is not told apart from
@@ -379,6 +379,6 @@ def leaderboard_html(board: Board) -> str:
     )
 
 
-def _by_entry(scores: pd.DataFrame) -> dict[str, dict[Any, Any]]:
+def _by_entry(scores: pd.DataFrame) -> dict[str, Score]:
     """Return scores by entry, the largest Pd first."""
     return {str(score["entry"]): score for score in by_pd(scores).to_dict("records")}

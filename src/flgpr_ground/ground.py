@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import itertools
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -50,6 +50,8 @@ MINES = "mines"
 """Name of the group of all mines in the scores."""
 BODY = "body "
 """Prefix of the groups of targets with one packaged body."""
+Score = Mapping[Any, Any]
+"""A row of a table of scores or costs, by its columns."""
 SAMPLE = "sample"
 """What stands in place of paths for a packaged full-wave lane, alone or before "/" and its name."""
 

@@ -36,6 +36,7 @@ from flgpr_ground.ground import (
     BODY,
     MINES,
     Ground,
+    Score,
     by_pd,
     load_ground,
     opening_split,
@@ -326,27 +327,27 @@ def table_text(ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame) -> str
     return "\n".join(lines)
 
 
-def costs_in_words(cost: Mapping[Any, Any]) -> list[str]:
+def costs_in_words(cost: Score) -> list[str]:
     """Return seconds per km, seconds of training and MiB as text; "-" for what is not known."""
     values = [cost["seconds_per_km"], cost["training_seconds"], cost["peak_bytes"] / 2**20]
     return [f"{value:.0f}" if np.isfinite(value) else "-" for value in values]
 
 
-def pd_in_words(score: Mapping[Any, Any]) -> str:
+def pd_in_words(score: Score) -> str:
     """Return a Pd with its interval, counts and chance, as text."""
     interval = f"({score['pd_low']:.2f} to {score['pd_high']:.2f})"
     counts = f"{score['n_detected']:.0f} of {score['n_targets']:.0f}, {score['n_false']:.0f} false"
     return f"{score['pd']:.2f} {interval}, {counts}, chance {score['chance']:.2f}"
 
 
-def paired_in_words(score: Mapping[Any, Any], before: str = "") -> str:
+def paired_in_words(score: Score, before: str = "") -> str:
     """Return the paired comparison with the reference as text; "" for the reference itself."""
     if pd.isna(score.get("p")):
         return ""
     return f"{before}+{score['only']:.0f} -{score['reference_only']:.0f}, p = {score['p']:.2g}"
 
 
-def paired_sentence(score: Mapping[Any, Any], entry: str, reference: str) -> str:
+def paired_sentence(score: Score, entry: str, reference: str) -> str:
     """Return what an entry misses and finds beside another, as a sentence; "" without a pair."""
     if pd.isna(score.get("p")):
         return ""
@@ -389,7 +390,7 @@ def best_sentence(tier: Ground, scores: pd.DataFrame) -> str:
     )
 
 
-def beside_reference(score: Mapping[Any, Any], reference: str) -> str:
+def beside_reference(score: Score, reference: str) -> str:
     """Return whether an entry is told apart from the reference, to end a sentence."""
     if score["entry"] == reference:
         return "; it is the reference"
@@ -504,9 +505,7 @@ def _page(
             ranked = by_pd(scores_at(scores, tier, split))
             if ranked.empty:
                 continue
-            by_entry: dict[str, dict[float, dict[Any, Any]]] = {
-                name: {} for name in ranked["entry"]
-            }
+            by_entry: dict[str, dict[float, Score]] = {name: {} for name in ranked["entry"]}
             for far in ground.table.fars:
                 for row in scores_at(scores, tier, split, far=far).to_dict("records"):
                     by_entry[row["entry"]][far] = row

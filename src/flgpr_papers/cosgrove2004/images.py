@@ -30,8 +30,9 @@ from flgpr.simulate.simulator import system_response
 from flgpr.types import BoolArray, ComplexArray, Entries, FloatArray
 from flgpr_papers.cosgrove2004.recipe import Site, StudyRecipe
 from flgpr_papers.kit.scenes import changed, turned
+from flgpr_papers.kit.settings import Span
 
-Bands = Mapping[str, tuple[float, float]]
+Bands = Mapping[str, Span]
 """Bands, Hz, by name."""
 BAND = "band"
 SURROUNDINGS = ("roadside", "open")
@@ -336,7 +337,7 @@ class PointResponse:
     cross: FloatArray  #: (n,) magnitude cross-track over the peak
 
     @property
-    def resolution(self) -> tuple[float, float]:
+    def resolution(self) -> Span:
         """Width between the half-power points down-track and cross-track, m."""
         return half_power(self.offset, self.down), half_power(self.offset, self.cross)
 

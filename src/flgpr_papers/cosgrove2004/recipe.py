@@ -11,7 +11,7 @@ from flgpr.model import Grid
 from flgpr.model.bounds import AtLeastOne, NotNegative, Positive
 from flgpr.stages.forms import CutSettings
 from flgpr.types import BoolArray, Entries, FloatArray
-from flgpr_papers.kit.settings import Table, packaged
+from flgpr_papers.kit.settings import Span, Table, packaged
 from flgpr_papers.kit.study_worlds import OWN, study_world
 
 SOILS = ("sand", "gravel", "clay")
@@ -24,9 +24,7 @@ class Radar(Table):
     tone_step: Positive  #: Hz
     range: Positive  #: distance of the mines from the stop, m
     scatterers: Positive | None = None  #: surface scatterers per m²
-    tones: tuple[float, float] | None = (
-        None  #: their ends, Hz; those of the image's band by default
-    )
+    tones: Span | None = None  #: their ends, Hz; those of the image's band by default
     stop_spacing: Positive  #: m
     margin: Positive  #: simulated ground around the image, m
 
@@ -34,10 +32,10 @@ class Radar(Table):
 class Image(Table):
     """Image in the scan frame, and how it is formed."""
 
-    x: tuple[float, float]  #: cross-track, m
-    y: tuple[float, float]  #: down-track, m
+    x: Span  #: cross-track, m
+    y: Span  #: down-track, m
     spacing: tuple[Positive, Positive]  #: of the pixels, cross-track and down-track, m
-    band: tuple[float, float]  #: Hz
+    band: Span  #: Hz
     filter: Literal["ramp", "none"]  #: weight of the tones
     calibrate: bool  #: whether the gain of the antennas is taken out
     self_signature: Literal["none", "mean", "median"]  #: how it is estimated
@@ -89,12 +87,12 @@ class Premises(Table):
 
     #: share of a cut's largest value by which a hump stands out
     hump: Annotated[float, Field(gt=0, le=1)]
-    humps: tuple[float, float]  #: mean number of humps that is called a double hump
+    humps: Span  #: mean number of humps that is called a double hump
     #: share of clutter boxes that a visible mine exceeds
     visible: Annotated[float, Field(gt=0, lt=1)]
-    visible_mines: tuple[float, float]  #: share of visible mines that is called "readily visible"
-    fourth_moment: tuple[float, float]  #: of complex Gaussian clutter, E|z|⁴ / (E|z|²)² is 2
-    humps_across: tuple[float, float]  #: mean number of humps across that is called no structure
+    visible_mines: Span  #: share of visible mines that is called "readily visible"
+    fourth_moment: Span  #: of complex Gaussian clutter, E|z|⁴ / (E|z|²)² is 2
+    humps_across: Span  #: mean number of humps across that is called no structure
     width_across: Positive  #: least width of mines across, in widths of an ideal point
     clutter_thinning: AtLeastOne  #: of so many clutter cuts one is measured
 
@@ -113,7 +111,7 @@ class Sweeps(Table):
     mines: AtLeastOne  #: of a further lane, seen twice, from which examples come
     numbers: tuple[int, ...]  #: numbers of examples
     ranks: tuple[int, ...]  #: ranks of the detectors trained on them
-    bands: dict[str, tuple[float, float]]  #: Hz, by name; the first is held to be the best
+    bands: dict[str, Span]  #: Hz, by name; the first is held to be the best
 
 
 class Site(Table):

@@ -30,7 +30,7 @@ from flgpr.simulate.simulator import Simulator
 from flgpr.types import ComplexArray
 from flgpr_papers.kit.cache import key_of, read_arrays, write_arrays
 from flgpr_papers.kit.scenes import turned
-from flgpr_papers.kit.settings import Table, packaged
+from flgpr_papers.kit.settings import Span, Table, packaged
 from flgpr_papers.kit.study_worlds import OWN, study_world
 
 RadiusIs = Literal["forming", "size"]
@@ -54,8 +54,8 @@ class Mines(Table):
 class Features(Table):
     """Regions, templates and the subset that makes them."""
 
-    region: tuple[float, float]  #: size of a region, m
-    template: tuple[float, float]  #: size of a template, m
+    region: Span  #: size of a region, m
+    template: Span  #: size of a template, m
     share: float  #: share of the mines in the subset
     keep_off: float  #: least distance of clutter from mines, m
 
@@ -99,9 +99,9 @@ class Settings(Table):
     scenes: dict[str, str]
     ranges: tuple[float, ...]
     step: float
-    lane: tuple[float, float]
+    lane: Span
     pitch: float
-    spacing: tuple[float, float]
+    spacing: Span
     margin: float
     fiducial_x: float
     fiducial_pitch: float
@@ -215,7 +215,7 @@ def study_sensor(settings: Settings) -> Sensor:
     return sensor
 
 
-def fiducials(settings: Settings) -> list[tuple[float, float]]:
+def fiducials(settings: Settings) -> list[Span]:
     """Return x and y of the fiducials on both sides of a lane, m."""
     places = []
     for y in np.arange(settings.fiducial_pitch / 2, settings.length, settings.fiducial_pitch):

@@ -27,10 +27,9 @@ from flgpr.stages.masks import MaskedSuppression
 from flgpr.store import open_run
 from flgpr.types import Arrays, ComplexArray, FloatArray
 from flgpr_papers.kit.cache import key_of, read_arrays, store_lane, write_arrays
-from flgpr_papers.kit.settings import Table, packaged
+from flgpr_papers.kit.settings import Span, Table, packaged
 from flgpr_papers.kit.study_worlds import OWN, study_world
 
-Span = tuple[float, float]
 BANDS = ("l", "x")
 
 

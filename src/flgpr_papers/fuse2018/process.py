@@ -115,7 +115,7 @@ def aperture_rows(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> dict[
         if recipe.area.contains(*position):
             distance = np.hypot(grid.x - position[0], grid.y[:, None] - position[1])
             halo = distance <= recipe.score.halo / 2
-            halos[target.target_id] = target, halo, _box(cleaned, position, recipe)
+            halos[str(target.target_id)] = target, halo, _box(cleaned, position, recipe)
     tables = {
         "boxes": _box_rows(cleaned, objects, boxes) if boxes else [],
         "mines": _mine_rows(cleaned, halos),

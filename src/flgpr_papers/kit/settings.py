@@ -12,6 +12,8 @@ from pydantic import BaseModel, ConfigDict
 from flgpr.store import merge_tables
 
 T = TypeVar("T", bound=BaseModel)
+Span = tuple[float, float]
+"""Both ends of what is long, broad or allowed; or a size in x and y."""
 PAPERS = {
     "cosgrove2004": "Cosgrove, Milanfar & Kositsky 2004: trained detection by deflection",
     "flsar2004": "flsar2004: prescreeners, templates and relevance vector machines",

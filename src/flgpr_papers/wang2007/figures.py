@@ -21,6 +21,7 @@ from flgpr.recipe.schema import Recipe
 from flgpr.scoring import Match, roc_of
 from flgpr.types import AnyArray, BoolArray, Entries
 from flgpr_papers.kit.figures import Figures, Panels, chance_line, colour_bar, decibels, show, steps
+from flgpr_papers.kit.settings import Span
 from flgpr_papers.wang2007.analysis import (
     AREA,
     BANDS,
@@ -331,8 +332,8 @@ def _scan(
     examples: Examples,
     position: Any,
     title: str,
-    x: tuple[float, float] | None = None,
-    y: tuple[float, float] | None = None,
+    x: Span | None = None,
+    y: Span | None = None,
     top: float | None = None,
 ) -> None:
     """Draw a scan image in dB below ``top``, by default the largest level of what is shown."""
@@ -351,7 +352,7 @@ def _scan(
     axis.tick_params(labelsize=7)
 
 
-def _is_within(axis: AnyArray, limits: tuple[float, float]) -> BoolArray:
+def _is_within(axis: AnyArray, limits: Span) -> BoolArray:
     """Return which positions of an axis lie within limits."""
     middle = sum(limits) / 2
     return np.abs(axis - middle) <= np.ptp(limits) / 2
