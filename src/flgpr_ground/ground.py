@@ -40,7 +40,7 @@ from flgpr.store.files import existing
 from flgpr.store.lane_file import lane_file_of
 from flgpr.store.tables import read_table_in
 from flgpr.toml_text import parse_toml
-from flgpr.types import Entries
+from flgpr.types import Entries, floats
 
 GROUNDS = ("proving-ground-2", "proving-ground-1", "full-wave-2", "full-wave-1")
 """The packaged descriptions, the first by default."""
@@ -539,9 +539,7 @@ def scores_at(
     """
     allowed = ground.table.far if far is None else far
     # A FAR that was written to a table and read again may differ in its last digit.
-    is_chosen = np.isclose(scores["far_allowed"].astype(float), allowed) & (
-        scores["split"] == split
-    )
+    is_chosen = np.isclose(floats(scores["far_allowed"]), allowed) & (scores["split"] == split)
     if group is not None:
         is_chosen &= scores["group"] == group
     if ground.tier:

@@ -20,7 +20,7 @@ from flgpr.store.files import existing
 from flgpr.store.outputs import log_finished
 from flgpr.store.run_writer import is_finished
 from flgpr.store.tables import parse_columns, parse_csv
-from flgpr.types import Entries
+from flgpr.types import Entries, floats
 from flgpr_ground.entries import packaged_entries
 from flgpr_ground.ground import Ground, LaneData, load_ground, packaged_text
 from flgpr_trials.sealing import seal_truth
@@ -348,5 +348,5 @@ def _compared(present: Any, known: Any) -> str:
         measured = [float(present[column]) for column in levels]
     except (KeyError, TypeError, ValueError):
         return "other"  # no number for a polarization
-    is_alike = np.allclose(measured, known[levels].astype(float), rtol=1e-4, atol=0)
+    is_alike = np.allclose(measured, floats(known[levels]), rtol=1e-4, atol=0)
     return "alike" if is_alike else "other"

@@ -22,7 +22,7 @@ import pandas as pd
 
 from flgpr.model import check_alarms
 from flgpr.store import sha256
-from flgpr.types import FloatArray
+from flgpr.types import FloatArray, floats
 from flgpr_ground.ground import LaneData
 
 FEATURES = ("[CMPR]_*",)
@@ -82,7 +82,7 @@ class OwnDetector:
         values = np.asarray(self._call(detector, method, rows))
         if method == "predict_proba" and values.ndim == 2:
             values = values[:, -1]
-        if values.shape != (len(rows),) or not np.isfinite(values.astype(float)).all():
+        if values.shape != (len(rows),) or not np.isfinite(floats(values)).all():
             raise ValueError(
                 f"{method} of {self.path} must give a finite number for each of {len(rows)} alarms, "
                 f"got an array of shape {values.shape} or values that are not finite"

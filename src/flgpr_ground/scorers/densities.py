@@ -63,7 +63,7 @@ class MixtureScorer(StoredScorer):
         elif mixture.covariance_type in ("diag", "spherical"):
             roots = roots.reshape(count, -1, 1) * np.eye(features)
         arrays = (estimator.center_, estimator.scale_, mixture.weights_, mixture.means_, roots)
-        centre, scale, share, mean, root = (np.array(array, dtype=np.float64) for array in arrays)
+        centre, scale, share, mean, root = map(floats, arrays)
         return cls(centre, scale, share, mean, root, float(estimator.offset_))
 
     @classmethod
@@ -116,7 +116,7 @@ class TailScorer(StoredScorer):
     @classmethod
     def of(cls, estimator: Any) -> Self:
         """Return the scorer of a fitted estimator of PyOD."""
-        return cls(np.array(estimator.X_train, dtype=np.float64), float(estimator.threshold_))
+        return cls(floats(estimator.X_train), float(estimator.threshold_))
 
     @classmethod
     def taken(cls, checked: Checked, features: int) -> Self:
@@ -207,7 +207,7 @@ class NeighbourScorer(StoredScorer):
         known = isinstance(metric, str) and metric in powers and not estimator.metric_params
         refuse_unless(known, f"metric must be one of {', '.join(powers)} for a detector", metric)
         return cls(
-            np.array(estimator.neigh_._fit_X, dtype=np.float64),
+            floats(estimator.neigh_._fit_X),
             int(estimator.n_neighbors),
             str(estimator.method),
             float(powers[metric]),

@@ -233,7 +233,7 @@ def _around(view: xr.DataArray, centre: Any, half: tuple[float, float]) -> _Pixe
     columns = np.flatnonzero(np.abs(x) <= half[0] + _EDGE)
     rows = np.flatnonzero(np.abs(y) <= half[1] + _EDGE)
     channels = view.values.reshape(-1, *view.shape[-2:])
-    magnitude = channels[:, rows[:, None], columns].astype(np.float64)
+    magnitude = floats(channels[:, rows[:, None], columns])
     known = (magnitude > 0).all(axis=0)
     u, v = np.meshgrid(x[columns], y[rows])
     return _Pixels(20 * np.log10(magnitude[:, known].T), u[known], v[known])

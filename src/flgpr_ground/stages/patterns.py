@@ -22,7 +22,7 @@ from flgpr.screen import select
 from flgpr.screen.views import grid_of
 from flgpr.stages import FeatureStage, Positive, Setup, Table, TrainingView
 from flgpr.stages.too_few import Change, Tally, TooFewExamplesError
-from flgpr.types import Arrays, Entries, FloatArray
+from flgpr.types import Arrays, Entries, FloatArray, floats
 from flgpr_ground.features.dictionaries import (
     Mixture,
     Whitening,
@@ -126,8 +126,8 @@ class _Channels(NamedTuple):
         polarizations = list(settings.polarizations) or labels
         values = np.stack([select(view, label, subband).values for label in polarizations])
         known = np.isfinite(values)
-        magnitudes = np.where(known, values, 0.0).astype(np.float64)
-        return cls(polarizations, magnitudes, known.astype(np.float64), grid_of(view))
+        magnitudes = floats(np.where(known, values, 0.0))
+        return cls(polarizations, magnitudes, floats(known), grid_of(view))
 
     def patches(self, points: FloatArray, size: tuple[float, float]) -> FloatArray:
         """Cut normalised patches (point, polarization, v, u) about points (point, 2)."""

@@ -13,7 +13,7 @@ from matplotlib.patches import Rectangle
 from scipy.ndimage import uniform_filter1d
 
 from flgpr.scoring import pd_at
-from flgpr.types import Entries
+from flgpr.types import Entries, floats
 from flgpr_papers.cosgrove2004.findings import Case, case_curve, example_means, found_looks
 from flgpr_papers.cosgrove2004.images import (
     WIDE_MINES,
@@ -78,7 +78,7 @@ def sample_image(axes: Axes, measured: Measured) -> None:
     image = measured.image
     x = image["x"].values
     y = image["y"].values
-    magnitude = np.abs(image.sel(polarization="HH").values).astype(np.float64)
+    magnitude = floats(np.abs(image.sel(polarization="HH").values))
     level = decibels(magnitude / np.median(magnitude, axis=1, keepdims=True))
     shown = show(axes, level.T, (y[0], y[-1], x[0], x[-1]), 0, 25, cmap="gray")
     colour_bar(axes, shown, "dB over the median of the range", shrink=0.8)

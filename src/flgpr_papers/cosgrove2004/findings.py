@@ -82,7 +82,7 @@ def found_looks(
         curve = case_curve(case, detector, recipe.score.box, quantile)
         threshold = curve["threshold"].iloc[int(operating_row(curve, recipe.score.pfa))]
         found.append(np.asarray(case["peaks"][detector]["target" + suffix]) >= threshold)
-    return np.array(found, dtype=np.float64)
+    return floats(found)
 
 
 class Looks:
@@ -358,7 +358,7 @@ def _eigenvalue_statements(recipe: StudyRecipe, cases: Sequence[Case]) -> list[F
     """
     statements = []
     for number, paper, ratio in eigenvalue_ratios_of(cases):
-        by_seed = np.array([case["ratios"][number - 1] for case in cases], dtype=np.float64)
+        by_seed = floats([case["ratios"][number - 1] for case in cases])
         words = {"rule": (0.5 * paper, 2 * paper), "ratio": paper, "number": number}
         statements.append(_judge(recipe, "eigenvalue", ratio, by_seed, **words))
     return statements
@@ -366,7 +366,7 @@ def _eigenvalue_statements(recipe: StudyRecipe, cases: Sequence[Case]) -> list[F
 
 def eigenvalue_ratios_of(cases: Sequence[Case]) -> list[tuple[int, float, Interval]]:
     """Return the number of every eigenvalue but the first, the paper's ratio to it and ours."""
-    ratios = np.array([case["ratios"] for case in cases], dtype=np.float64)
+    ratios = floats([case["ratios"] for case in cases])
     pairs = list(zip(PAPER_RATIOS, ratios.T, strict=False))
     return [
         (number, paper, students(ours, bounds=SHARE))
@@ -418,7 +418,7 @@ def _premise_statements(recipe: StudyRecipe, sand: Sequence[Case]) -> list[Findi
 
     def of_looks(name: str, looks: Sequence[Any], **fields: Any) -> Finding:
         """Judge by the share of looks for which something holds."""
-        table = np.array(looks, dtype=np.float64)
+        table = floats(looks)
         return _judge(recipe, name, share_of_looks(table), table.mean(axis=1), **fields)
 
     words: Entries

@@ -27,7 +27,7 @@ from flgpr.scoring import refraction_shift
 from flgpr.simulate import ALONE, BARE, Scene, Simulator
 from flgpr.simulate.scene.scene import Target
 from flgpr.simulate.simulator import system_response
-from flgpr.types import BoolArray, ComplexArray, Entries, FloatArray
+from flgpr.types import BoolArray, ComplexArray, Entries, FloatArray, floats
 from flgpr_papers.cosgrove2004.recipe import Site, StudyRecipe
 from flgpr_papers.kit.scenes import changed, turned
 from flgpr_papers.kit.settings import Span
@@ -364,7 +364,7 @@ def point_response(recipe: StudyRecipe, filtered: bool) -> PointResponse:
     lines[1, :, 0] += offset
     window = ramp(frequency) if filtered else None
     operator = ImagingOperator(frequency, tx, rx, lines, window=window)
-    down, cross = np.abs(operator.adjoint(data)[0, 0]).astype(np.float64)
+    down, cross = floats(np.abs(operator.adjoint(data)[0, 0]))
     return PointResponse(offset, down / down.max(), cross / cross.max())
 
 

@@ -17,7 +17,7 @@ import pandas as pd
 from flgpr.method.model import Model, save_model
 from flgpr.progress import Track
 from flgpr.stages.forms import learnt_of
-from flgpr.types import Complex128Array, Entries
+from flgpr.types import Complex128Array, Entries, floats
 from flgpr_papers.cosgrove2004 import figures
 from flgpr_papers.cosgrove2004.detect import (
     Training,
@@ -287,7 +287,7 @@ def _lane_case(recipe: StudyRecipe, looks: Sequence[Look], training: Training) -
     first_looks = {look.depth: look for look in reversed(looks)}
     cuts = []
     for depth in sorted(first_looks)[:3]:
-        magnitude = np.abs(target_cut(recipe, first_looks[depth])[0]).astype(float)
+        magnitude = floats(np.abs(target_cut(recipe, first_looks[depth])[0]))
         cuts.append({"depth": depth, "magnitude": magnitude.tolist()})
     return {
         "premises": look_measures(recipe, test, training.whitener),

@@ -11,7 +11,7 @@ import pandas as pd
 
 from flgpr.features import max_correlation, mean_template, principal_templates
 from flgpr.scoring import example_roc
-from flgpr.types import AnyArray, BoolArray, Entries, FloatArray
+from flgpr.types import AnyArray, BoolArray, Entries, FloatArray, floats
 from flgpr_papers.flsar2004.examples import Site, make_templates, open_examples
 from flgpr_papers.flsar2004.lanes import Settings
 from flgpr_papers.flsar2004.machines import Examples, HeldOut
@@ -213,7 +213,7 @@ def _draws(scores: HeldOut, count: int, seed: int) -> tuple[FloatArray, FloatArr
     m = len(scores.tile)
     mines = rng.multinomial(n, np.full(n, 1 / n), count)[:, code]
     clutter = rng.multinomial(m, np.full(m, 1 / m), count)
-    return mines.astype(float), clutter.astype(float)
+    return floats(mines), floats(clutter)
 
 
 def auc_interval(scores: HeldOut, count: int) -> Interval:
@@ -274,7 +274,7 @@ class Measure:
         order = order[: int(4 * allowed) + 20 * repeats]
         output = scores.clutter.ravel()[order]
         tile = order // repeats
-        above = (scores.mine[:, None] > output).astype(float)
+        above = floats(scores.mine[:, None] > output)
         above += 0.0 if self.at else 0.5 * (scores.mine[:, None] == output)
         share = mines / mines.sum(axis=1, keepdims=True)
         pd_without_limit = share @ np.isfinite(scores.mine)

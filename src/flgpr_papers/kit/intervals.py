@@ -210,7 +210,7 @@ def clustered(
     if data.size == 0:
         return math.nan, math.nan, math.nan
     code = np.unique(np.asarray(cluster).astype(str), return_inverse=True)[1]
-    count = np.bincount(code).astype(float)
+    count = floats(np.bincount(code))
     total = np.bincount(code, weights=data)
     drawn = np.random.default_rng(seed).integers(0, count.size, (draws, count.size))
     means = total[drawn].sum(axis=1) / count[drawn].sum(axis=1)

@@ -533,7 +533,7 @@ def stands_out(magnitude: AnyArray) -> float:
     finite = magnitude[np.isfinite(magnitude)]
     if finite.size < 100:
         return float("nan")
-    median, high = np.quantile(finite.astype(np.float64), (0.5, 0.99))
+    median, high = np.quantile(floats(finite), (0.5, 0.99))
     return float(20 * np.log10(high / median))
 
 

@@ -12,7 +12,7 @@ from flgpr.imaging import ScanImager
 from flgpr.kernels.sampling import bilinear
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.model import lane_to_scan
-from flgpr.types import AnyArray, Entries, Float32Array, FloatArray
+from flgpr.types import AnyArray, Entries, Float32Array, FloatArray, floats
 from flgpr_papers.kit.cache import write_arrays
 
 _AHEAD = 11.0  # m before the array at which an example target is shown
@@ -134,7 +134,7 @@ def _false_alarm(truth: pd.DataFrame, alarms: pd.DataFrame) -> Example:
 
 def _ground(row: pd.Series[Any]) -> FloatArray:
     """Return the position (3,) of a target or alarm on the ground, m."""
-    return np.array([row["x"], row["y"], 0.0], dtype=np.float64)
+    return floats([row["x"], row["y"], 0.0])
 
 
 def _example(

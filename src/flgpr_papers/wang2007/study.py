@@ -33,7 +33,7 @@ from flgpr.scoring.curve import held_pd_mean
 from flgpr.screen import MeanViewSums, RunViewSums, view_array
 from flgpr.simulate import Scene
 from flgpr.store import open_run, read_manifest, sha256
-from flgpr.types import AnyArray, Arrays, Entries
+from flgpr.types import AnyArray, Arrays, Entries, floats
 from flgpr_papers.kit.cache import read_arrays, store_lane, write_arrays
 from flgpr_papers.kit.intervals import SHARE, spread
 from flgpr_papers.kit.page import HEADER, detections_at, point_rows
@@ -159,7 +159,7 @@ def likeness(series: AnyArray) -> float:
     series : (image, y, x) ndarray
         Magnitudes.
     """
-    levels = np.log(np.maximum(series.reshape(len(series), -1).astype(np.float64), 1e-30))
+    levels = np.log(np.maximum(floats(series.reshape(len(series), -1)), 1e-30))
     return float(np.mean([np.corrcoef(first, second)[0, 1] for first, second in pairwise(levels)]))
 
 
