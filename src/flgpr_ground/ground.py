@@ -378,12 +378,11 @@ class Ground:
             recorded = {"polarization": self.table.polarization}
             preset = Sensor.model_validate({**preset.model_dump(), **recorded})
         table = self.table
-        for tier, row_of_tier in table.tiers.items() or [("", None)]:
+        without_tiers = {"": TierRow(title="", sites=table.sites)}
+        for tier, of_tier in (table.tiers or without_tiers).items():
             if self.tier not in ("", tier):
                 continue
-            sites = table.sites if row_of_tier is None else row_of_tier.sites
-            surfaces = {} if row_of_tier is None else row_of_tier.surface
-            for site, (design, row) in itertools.product(sites, table.lanes.items()):
+            for site, (design, row) in itertools.product(of_tier.sites, table.lanes.items()):
                 if row.sites and site not in row.sites:
                     continue
                 prefix = f"{tier}-{site}-{design}" if tier else f"{site}-{design}"
@@ -397,7 +396,7 @@ class Ground:
                         f"{prefix}-1", site, row.part, lane, 0, Scene(), preset, stored, tier
                     )
                     continue
-                scene = self._scene(sites[site], row, surfaces.get(design, {}))
+                scene = self._scene(of_tier.sites[site], row, of_tier.surface.get(design, {}))
                 entries = preset.model_dump()
                 entries |= {**row.sensor, "errors": entries["errors"] | row.errors}
                 sensor = Sensor.model_validate(entries)
