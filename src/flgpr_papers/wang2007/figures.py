@@ -52,7 +52,6 @@ class Measured:
     blind: Sequence[LaneResult]  #: results of the blind lanes
     tables: Tables  #: what the statements are judged by
     examples: Examples  #: scan images and patches of Figs. 2-5, 8 and 10
-    draws: int  #: number of bootstrap draws
 
 
 @_figure

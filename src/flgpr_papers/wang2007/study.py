@@ -51,13 +51,12 @@ from flgpr_papers.wang2007.analysis import (
     POLARIZATIONS,
     SIMULANTS,
     LaneResult,
-    Pool,
     all_forty,
     clutter_levels,
 )
 from flgpr_papers.wang2007.examples import save_examples
 from flgpr_papers.wang2007.figures import Measured
-from flgpr_papers.wang2007.findings import SETS, Tables, all_findings, retrainings
+from flgpr_papers.wang2007.findings import SETS, Tables, all_findings
 from flgpr_papers.wang2007.lanes import (
     F1_BAND,
     LaneScenes,
@@ -174,13 +173,13 @@ def page_tables(measured: Measured) -> Entries:
     tables = measured.tables
     pool = tables.pool
     score, confidence, chosen = pool.nested(all_forty()[:10], 5)
-    low, high = pool.interval(confidence, measured.draws)
+    low, high = pool.interval(confidence, tables.draws)
     return {
         "radar": measured.radar,
         "lanes": [*measured.calibration, *measured.blind],
         "header": HEADER,
         "points": _point_rows(tables),
-        "retrained": _retrained(pool, measured.draws),
+        "retrained": _retrained(tables),
         "methods": METHODS,
         "features": list(FEATURES),
         "numbered": [f"#{number} {name}" for number, name in enumerate(FEATURES, start=1)],
@@ -210,18 +209,19 @@ def _point_rows(tables: Tables) -> list[tuple[str, ...]]:
     return rows + point_rows(blind_matches, subsets, area=AREA)
 
 
-def _retrained(pool: Pool, draws: int) -> list[tuple[Any, ...]]:
+def _retrained(tables: Tables) -> list[tuple[Any, ...]]:
     """Return PD_mean of both classifiers by methods A and C, with two intervals.
 
     The first is over lanes and targets alone, the second with training in every draw.
     """
+    pool = tables.pool
     rows = []
     for (name, columns), method in product(SETS.items(), "AC"):
         confidence = pool.confidence(columns, method)
         value = pool.scorer(confidence)
-        drawn = pool.retrained(columns, method, retrainings(draws))
+        drawn = pool.retrained(columns, method, tables.retrainings)
         anew = spread(value, drawn, bounds=SHARE)[1:]
-        rows.append((name, METHODS[method], value, pool.interval(confidence, draws), anew))
+        rows.append((name, METHODS[method], value, pool.interval(confidence, tables.draws), anew))
     return rows
 
 
@@ -235,13 +235,12 @@ def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
     A simulated lane or a lane's result that is on disk is used if it was made from the same scene,
     sensor and recipe.
     """
-    draws = 100 if quick else 1000
     calibration, blind = [
         [make_part(folder, name, quick, world, track) for name in scenes]
         for scenes in lane_scenes(quick, world)
     ]
     recipe = parse_recipe(packaged_text("wang2007"))
-    findings, tables = all_findings(calibration, blind, recipe, draws)
+    findings, tables = all_findings(calibration, blind, recipe, 100 if quick else 1000)
     measured = Measured(
         recipe=recipe,
         radar=sensor(),
@@ -249,7 +248,6 @@ def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
         blind=blind,
         tables=tables,
         examples=read_arrays(folder / "results" / "examples.bundle"),
-        draws=draws,
     )
     return Outcome(
         findings=findings,
