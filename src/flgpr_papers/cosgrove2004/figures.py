@@ -80,7 +80,7 @@ def sample_image(axes: Axes, measured: Measured) -> None:
     y = image["y"].values
     magnitude = floats(np.abs(image.sel(polarization="HH").values))
     level = decibels(magnitude / np.median(magnitude, axis=1, keepdims=True))
-    shown = show(axes, level.T, (y[0], y[-1], x[0], x[-1]), 0, 25, cmap="gray")
+    shown = show(axes, level.T, y, x, 0, 25, cmap="gray")
     colour_bar(axes, shown, "dB over the median of the range", shrink=0.8)
     for number, (px, py) in enumerate(WIDE_MINES, start=1):
         axes.add_patch(Rectangle((py - 0.5, px - 0.5), 1, 1, fill=False, color="#ffb347", lw=1))
@@ -120,12 +120,11 @@ def feature_vector(panels: Panels, measured: Measured) -> None:
     low, column = row + length - length // 2, column + 30
     x = stretch["x"].values
     down = stretch["y"].values
-    extent = (x[0], x[-1], down[0], down[-1])
     height = down[low + length - 1] - down[low]
     cuts = []
     for axes, name in zip(pair, ("HH", "VV"), strict=True):
         stack = stretch.sel(polarization=name).values
-        shown = show(axes, stack, extent, 0, float(stretch.max()), cmap="gray", aspect="auto")
+        shown = show(axes, stack, x, down, 0, float(stretch.max()), cmap="gray", aspect="auto")
         axes.set_xlim(x[column] - 0.8, x[column] + 0.8)
         corner = x[column] - 0.03, down[low]
         axes.add_patch(Rectangle(corner, 0.06, height, fill=False, color="#ffb347"))

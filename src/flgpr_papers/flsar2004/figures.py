@@ -52,8 +52,7 @@ def lane_figure(panels: Panels, measured: Measured) -> None:
     for axes, image, name in zip(panels, site.image, POLARIZATIONS, strict=True):
         level = 20 * np.log10(np.maximum(image[0][rows], 1e-6))
         level -= np.median(level)
-        extent = (0, end, *site.grid.x[[0, -1]])
-        shown = show(axes, level.T, extent, -5, 25, cmap="viridis")
+        shown = show(axes, level.T, (0, end), site.grid.x, -5, 25, cmap="viridis")
         axes.plot(*beside.T[::-1], "^", mfc="none", mec="#ffb347", ms=9)
         for x, y, kind, depth in shown_mines[["x", "y", "kind", "depth"]].to_numpy():
             where = "surface" if depth < -0.05 else f"{100 * depth:.0f} cm"

@@ -231,25 +231,19 @@ def variants_roc_figure(panels: Panels, measured: Measured) -> None:
 def _image(axes: Axes, example: Arrays, magnitude: AnyArray, top: float | None = None) -> Any:
     """Draw a magnitude in dB under its top."""
     level = 20 * np.log10(np.maximum(magnitude / (top or magnitude.max()), 1e-8))
-    return show(axes, level, _extent(example), -_DEEP, 0, cmap="viridis")
+    return show(axes, level, example["x_axis"], example["y_axis"], -_DEEP, 0, cmap="viridis")
 
 
 def _mask(axes: Axes, example: Arrays, mask: AnyArray, title: str) -> None:
     """Draw a mask."""
-    show(axes, mask, _extent(example), 0, 1, cmap="gray")
+    show(axes, mask, example["x_axis"], example["y_axis"], 0, 1, cmap="gray")
     axes.set_title(title, fontsize=10)
-
-
-def _extent(example: Arrays) -> tuple[float, float, float, float]:
-    """Return the edges of an example's images, m."""
-    x = example["x_axis"]
-    y = example["y_axis"]
-    return float(x[0]), float(x[-1]), float(y[0]), float(y[-1])
 
 
 def _dress(axes: Axes, example: Arrays, boxes: bool = False) -> None:
     """Mark mines, and the boxes if wanted, on an image."""
-    x_min, x_max, y_min, y_max = _extent(example)
+    x_min, x_max = example["x_axis"][[0, -1]]
+    y_min, y_max = example["y_axis"][[0, -1]]
     for x, y in example["mines"]:
         if x_min <= x <= x_max and y_min <= y <= y_max:
             # A ring of the halo leaves the mine to be seen; a black rim shows on bright ground.

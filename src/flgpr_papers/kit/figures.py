@@ -100,16 +100,15 @@ def decibels(magnitude: ArrayLike, least: float = 1e-6) -> FloatArray:
 
 
 def show(
-    axes: Axes, image: ArrayLike, extent: tuple[float, ...], low: float, high: float, **style: Any
+    axes: Axes, image: ArrayLike, x: Any, y: Any, low: float, high: float, **style: Any
 ) -> Any:
     """Draw an image (y, x) between two levels, y upwards.
 
-    ``extent`` has its borders, left to right and then from bottom to top; the style is that of
-    ``imshow``.
+    It reaches over its axes, from their first to their last place; the style is that of ``imshow``.
     """
     options = {"origin": "lower", "aspect": "equal", "vmin": low, "vmax": high, **style}
-    left, right, bottom, top = map(float, extent)
-    return axes.imshow(np.asarray(image), extent=(left, right, bottom, top), **options)
+    extent = float(x[0]), float(x[-1]), float(y[0]), float(y[-1])
+    return axes.imshow(np.asarray(image), extent=extent, **options)
 
 
 def colour_bar(panels: Any, shown: Any, label: str, **options: Any) -> Any:

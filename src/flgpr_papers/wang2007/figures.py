@@ -167,8 +167,8 @@ def run_view_figure(panels: Panels, measured: Measured, alarms: bool, length: fl
         if not piece.sizes["y"]:
             axis.set_visible(False)
             continue
-        extent = (*view.x[[0, -1]].values, *piece.y[[0, -1]].values)
-        show(axis, decibels(piece.values, _LEAST) - top, extent, -_DB, 0, cmap="gray_r")
+        level = decibels(piece.values, _LEAST) - top
+        show(axis, level, view.x, piece.y, -_DB, 0, cmap="gray_r")
         for border in (result.lane.x_min, result.lane.x_max):
             axis.axvline(border, color="#0072b2", lw=0.8)
         for x, y in marked.loc[marked["y"].between(low, high), ["x", "y"]].to_numpy():
@@ -337,13 +337,12 @@ def _scan(
 ) -> None:
     """Draw a scan image in dB below ``top``, by default the largest level of what is shown."""
     level = decibels(image, _LEAST)
-    extent = (*examples["x"][[0, -1]], *examples["y"][[0, -1]])
     if x and y:
         inside = np.ix_(_is_within(examples["y"], y), _is_within(examples["x"], x))
         top = level[inside].max()
     elif top is None:
         top = level.max()
-    show(axis, level - top, extent, -_DB, 0, cmap="gray_r")
+    show(axis, level - top, examples["x"], examples["y"], -_DB, 0, cmap="gray_r")
     axis.add_patch(Circle(position, 1.0, fill=False, color="#d55e00", lw=1.0))
     axis.set(xlim=x, ylim=y)
     axis.xaxis.set_major_locator(MaxNLocator(3, prune="both"))
