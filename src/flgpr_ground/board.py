@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
@@ -20,6 +19,7 @@ from flgpr.door import Folder, read_named
 from flgpr.report import render
 from flgpr.scoring import clopper_pearson
 from flgpr.store.tables import parse_columns
+from flgpr.types import Entries
 from flgpr_ground.card import CARD, RECORD, Card, entered_card, parse_card
 from flgpr_ground.citing import DATA_LICENCE, cite_ground, cite_submission, is_packaged
 from flgpr_ground.entries import ORACLES, packaged_entries
@@ -70,7 +70,7 @@ class Board:
     costs: dict[tuple[str, str], float]  #: seconds per km by tier and entry; NaN if unknown
     sources: dict[str, str]  #: by entry: SUBMITTED, PACKAGED or RUN_HERE
     cards: dict[str, Card] = field(default_factory=dict)
-    records: dict[str, Mapping[str, Any]] = field(default_factory=dict)
+    records: dict[str, Entries] = field(default_factory=dict)
     looks: int = 0  #: entries in the logs of the folders
     lists: int = 0  #: different alarm lists among them
 

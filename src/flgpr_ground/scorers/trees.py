@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -58,7 +58,7 @@ class Trees:
         return total
 
     @classmethod
-    def joined(cls, trees: Sequence[Mapping[str, Any]]) -> Self:
+    def joined(cls, trees: Sequence[Entries]) -> Self:
         """Join trees, each with ``left``, ``right``, ``feature``, ``split`` and ``value``.
 
         The children of a tree count from its own first node.

@@ -16,7 +16,7 @@ from flgpr.model.bounds import AtLeastOne, NotNegative
 from flgpr.screen.views import grid_of
 from flgpr.stages import FeatureStage, Positive, Setup, Table, TrainingView
 from flgpr.stages.too_few import Tally, TooFewExamplesError, clear_change
-from flgpr.types import AnyArray, Arrays, Entries, Float32Array, FloatArray, floats
+from flgpr.types import Arrays, Entries, Float32Array, FloatArray, floats
 from flgpr_ground.stages.run_views import check_images, kinds_change, maxima_in_lane
 
 _STRIDES = (1, 2, 2)
@@ -117,7 +117,7 @@ class ChipNetwork(FeatureStage):
         return learnt, {"chips_of_mines": len(mines), "chips_of_clutter": len(clutter)}
 
 
-def weights_of(learnt: Mapping[str, AnyArray]) -> list[Arrays]:
+def weights_of(learnt: Arrays) -> list[Arrays]:
     """Return the weights of every network that was learnt, by name."""
     by_number: dict[int, Arrays] = {}
     for key in learnt:
@@ -127,7 +127,7 @@ def weights_of(learnt: Mapping[str, AnyArray]) -> list[Arrays]:
     return [by_number[number] for number in sorted(by_number)]
 
 
-def run_network(x: Chips, weights: Mapping[str, AnyArray]) -> FloatArray:
+def run_network(x: Chips, weights: Arrays) -> FloatArray:
     """Run a network.
 
     Parameters

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Rectangle
 
 from flgpr.clutter import TABLE_II
-from flgpr.types import AnyArray, Entries
+from flgpr.types import AnyArray, Arrays, Entries
 from flgpr_papers.fuse2018.findings import CONVENTIONS, PAPER_DB, power_db, scored, strongest_boxes
 from flgpr_papers.fuse2018.lanes import FuseRecipe, band_sensor
 from flgpr_papers.fuse2018.process import LaneResult
@@ -20,7 +20,6 @@ from flgpr_papers.fuse2018.suppression import VARIANTS, Calibration
 from flgpr_papers.kit.figures import Figures, Panels, chance_line, colour_bar, show, steps
 from flgpr_papers.kit.intervals import clustered
 
-Arrays = Mapping[str, AnyArray]
 _figure = Figures("fuse2018")
 _RANGE = 40.0  # dB shown
 _RING = 0.5  # m, radius of the rings about mines: the halo of the ROC

@@ -625,7 +625,7 @@ class Statements:
         )
 
 
-def _rule_of(declared: Mapping[str, Any]) -> Bounds | None:
+def _rule_of(declared: Entries) -> Bounds | None:
     """Return the rule that a statement declares, if it does."""
     if "above" in declared:
         return declared["above"], math.inf

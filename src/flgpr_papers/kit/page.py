@@ -42,7 +42,7 @@ def twins(
     captions: Mapping[str, Entries],
     pictures: Mapping[str, bytes],
     findings: Sequence[Finding],
-    facts: Mapping[str, Any],
+    facts: Entries,
 ) -> list[Twin]:
     """Return the figures of a study with what ``captions.toml`` says of them, in its order.
 
@@ -161,7 +161,7 @@ def pd_in_words(n_found: int, targets: int, by_chance: float) -> str:
 
 
 def point_rows(
-    matches: Mapping[str, Match], subsets: Mapping[str, Any], **area: Any
+    matches: Mapping[str, Match], subsets: Entries, **area: Any
 ) -> list[tuple[str, ...]]:
     """Tabulate Pd at the operating points: a row per detector and subset of the targets.
 

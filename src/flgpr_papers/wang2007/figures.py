@@ -19,7 +19,7 @@ from flgpr.method.classifier import make_training_set
 from flgpr.model import Sensor
 from flgpr.recipe.schema import Recipe
 from flgpr.scoring import Match, roc_of
-from flgpr.types import AnyArray, BoolArray, Entries
+from flgpr.types import AnyArray, Arrays, BoolArray, Entries
 from flgpr_papers.kit.figures import Figures, Panels, chance_line, colour_bar, decibels, show, steps
 from flgpr_papers.kit.settings import Span
 from flgpr_papers.wang2007.analysis import (
@@ -36,7 +36,7 @@ _DB = 30.0
 _BAND_DRAWS = 200
 _LEAST = 1e-12
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#000000")
-Examples = Mapping[str, AnyArray]
+Examples = Arrays
 PATCHES = ("surface", "shallow", "plastic", "false")
 """Examples of Fig. 10."""
 _figure = Figures("wang2007")

@@ -203,7 +203,7 @@ def _point_rows(tables: Tables) -> list[tuple[str, ...]]:
     for name, columns in SETS.items():
         matches[f"{name}, calibration"] = pool.match_of(pool.confidence(columns, "C"))
     blind_matches = {f"{name}, blind": match for name, match in tables.blind.items()}
-    subsets: Mapping[str, Any]
+    subsets: Entries
     subsets = {"buried metal": BURIED_METAL, "buried plastic": BURIED_PLASTIC, "mines": MINES}
     rows = point_rows(matches, {**subsets, "simulants": SIMULANTS}, area=AREA)
     return rows + point_rows(blind_matches, subsets, area=AREA)
