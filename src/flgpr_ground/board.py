@@ -345,12 +345,10 @@ def leaderboard_html(board: Board) -> str:
         rows = ranked_rows(board, tier, split)
         if not rows:
             continue
-        by_kind = {}
-        for kind in _KINDS:
-            by_kind[kind] = _by_entry(scores_at(board.scores, tier, split, kind))
-        by_split = {}
-        for name in ground.table.splits:
-            by_split[name] = _by_entry(scores_at(board.scores, tier, name))
+        by_kind = {kind: _by_entry(scores_at(board.scores, tier, split, kind)) for kind in _KINDS}
+        by_split = {
+            name: _by_entry(scores_at(board.scores, tier, name)) for name in ground.table.splits
+        }
         tiers.append((tier, rows, by_kind, by_split))
     figures = [(tier, rows) for tier, rows, *_ in tiers]
     shown = set(board.scores["entry"])

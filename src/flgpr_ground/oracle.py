@@ -113,9 +113,10 @@ def run_oracle(
     lanes = [_lanes_of_sites(ground, benchmark) for ground in tiers]
     # Opening the truth is logged: it comes after all that can be wrong.
     truth, *_ = open_truth(benchmark / "lanes" / SEALED, passphrase(tiers[0]))
-    tables = []
-    for ground, of_sites in zip(tiers, lanes, strict=True):
-        tables.append(_look_at_tier(ground, of_sites, benchmark, recipe, options, truth))
+    tables = [
+        _look_at_tier(ground, of_sites, benchmark, recipe, options, truth)
+        for ground, of_sites in zip(tiers, lanes, strict=True)
+    ]
     return pd.concat(tables, ignore_index=True)
 
 

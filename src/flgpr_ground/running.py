@@ -134,9 +134,10 @@ class _EntryRun:
             except ValueError as error:
                 faults.setdefault(str(error), []).append(lane.name)
         if faults:
-            told = []
-            for fault, lanes in faults.items():
-                told.append(f"{fault} on {len(lanes)} of {len(tested)} lanes: {', '.join(lanes)}")
+            told = [
+                f"{fault} on {len(lanes)} of {len(tested)} lanes: {', '.join(lanes)}"
+                for fault, lanes in faults.items()
+            ]
             raise ValueError("; ".join(told))
         return tables
 
@@ -326,9 +327,10 @@ def submitted(ground: Ground, folder: Path) -> dict[str, pd.DataFrame]:
         If a list is named after no split, or does not name the lanes of its split in the column
         ``lane``.
     """
-    tables = {}
-    for path in sorted(folder.glob("*.csv")):
-        tables[path.stem] = read_table_in(folder, path.name, "alarms")
+    tables = {
+        path.stem: read_table_in(folder, path.name, "alarms")
+        for path in sorted(folder.glob("*.csv"))
+    }
     for split, table in tables.items():
         if split not in ground.table.splits:
             raise ValueError(

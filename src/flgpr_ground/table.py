@@ -88,9 +88,9 @@ def score_entries(folders: Sequence[str | Path]) -> tuple[pd.DataFrame, pd.DataF
     costs: list[Entries] = []
     for tier in ground.chosen_tiers():
         column = {"tier": tier.tier} if tier.tier else {}
-        references = {}
-        for split in tier.table.splits:
-            references[split] = _reference_alarms(benchmarks, tier, split)
+        references = {
+            split: _reference_alarms(benchmarks, tier, split) for split in tier.table.splits
+        }
         for folder, name, entry in _entries(benchmarks, tier):
             for split, reference in references.items():
                 if (entry / split / ALARMS).is_file():

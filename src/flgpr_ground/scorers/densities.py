@@ -176,9 +176,10 @@ class NeighbourScorer(StoredScorer):
         if not len(X):
             return np.zeros(0)
         samples_at_once = max(1, _DISTANCES_AT_ONCE // max(len(self.examples), 1))
-        scores = []
-        for begin in range(0, len(X), samples_at_once):
-            scores.append(self._score(X[begin : begin + samples_at_once]))
+        scores = [
+            self._score(X[begin : begin + samples_at_once])
+            for begin in range(0, len(X), samples_at_once)
+        ]
         return np.concatenate(scores)
 
     def _score(self, X: FloatArray) -> FloatArray:

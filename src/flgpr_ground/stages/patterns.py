@@ -377,9 +377,10 @@ class FisherVectors(_LearntPatterns):
         """Return the vectors of all pools."""
         local = self._local(patches, spacing)
         mixture = Mixture(*(self.learnt[name] for name in _MIXTURE))
-        pools = []
-        for pool in split_grid(local, self.settings.parts):
-            pools.append(improved_fisher_vectors(fisher_vectors(pool, mixture)))
+        pools = [
+            improved_fisher_vectors(fisher_vectors(pool, mixture))
+            for pool in split_grid(local, self.settings.parts)
+        ]
         return np.concatenate(pools, axis=1)
 
 

@@ -184,7 +184,7 @@ class StudyRecipe(Table):
 
 def study_recipe(quick: bool = False, world: str = OWN) -> StudyRecipe:
     """Load the packaged recipe of the study, on the lanes of a world."""
-    sites = {}
-    for name, site in study_world("cosgrove2004", world).sites.items():
-        sites[name] = {"scene": site}
+    sites = {
+        name: {"scene": site} for name, site in study_world("cosgrove2004", world).sites.items()
+    }
     return packaged("cosgrove2004", StudyRecipe, quick, {"sites": sites})

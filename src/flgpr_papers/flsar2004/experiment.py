@@ -225,9 +225,10 @@ def _across_sites(material: Material, first: int, second: int, results: Results)
         for name, one in scores.items():
             results.add_areas(f"fig10 {direction}, {kind}, {name}", one, measure)
         if is_the_papers:
-            gaps = {}
-            for name in _RVM_RIVALS:
-                gaps[name] = measure.difference(scores["binary"], novel[kind][name])
+            gaps = {
+                name: measure.difference(scores["binary"], novel[kind][name])
+                for name in _RVM_RIVALS
+            }
             results.judge_all("carries-binary", gaps, kind=kind)
     for kind in KINDS:
         intervals = {name: measure.interval(novel[kind][name]) for name in _RVM_RIVALS}
@@ -236,9 +237,10 @@ def _across_sites(material: Material, first: int, second: int, results: Results)
         else:
             results.judge("carries-back", intervals[_RVM_RIVALS[0]], kind=kind, way=direction)
     if is_the_papers:
-        gaps = {}
-        for name in _RVM_RIVALS:
-            gaps[name] = measure.difference(novel["metal"][name], novel["plastic"][name])
+        gaps = {
+            name: measure.difference(novel["metal"][name], novel["plastic"][name])
+            for name in _RVM_RIVALS
+        }
         results.judge_all("carries-metal", gaps, way=direction)
 
 
@@ -319,9 +321,10 @@ def templates(material: Material) -> Results:
     for site in material.sites:
         for values, magnitude in (("magnitudes", True), ("complex", False)):
             chips, _ = signatures(material.settings, site, False, magnitude)
-            shares = []
-            for polarization, distance in np.ndindex(*chips.shape[1:3]):
-                shares.append(principal_templates(chips[:, polarization, distance], 1)[1][0])
+            shares = [
+                principal_templates(chips[:, polarization, distance], 1)[1][0]
+                for polarization, distance in np.ndindex(*chips.shape[1:3])
+            ]
             energy[f"{site.name}, {values}"] = float(np.mean(shares))
     results.notes["energy of the first component"] = energy
     return results
@@ -491,9 +494,9 @@ def other_screens(material: Material) -> Results:
     for name, regions in tried.items():
         examples = screened_examples(settings, site, material.templates[0], regions)
         counts = examples.table["kind"].value_counts()
-        passed: Entries = {}
-        for kind in KINDS:
-            passed[kind] = f"{int(counts.get(kind, 0))} of {int(offered[kind])} pass"
+        passed: Entries = {
+            kind: f"{int(counts.get(kind, 0))} of {int(offered[kind])} pass" for kind in KINDS
+        }
         passed["clutter regions per m²"] = int(counts.get("clutter", 0)) / site.area
         results.notes[f"{name}, {site.name}"] = passed
     return results

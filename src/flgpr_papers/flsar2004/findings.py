@@ -100,9 +100,10 @@ class Material:
 def prepare(settings: Settings, sites: list[Site]) -> Material:
     """Make the templates and the examples without prescreener of both sites."""
     templates = [make_templates(settings, site) for site in sites]
-    examples = []
-    for site, site_templates in zip(sites, templates, strict=True):
-        examples.append(open_examples(settings, site, site_templates))
+    examples = [
+        open_examples(settings, site, site_templates)
+        for site, site_templates in zip(sites, templates, strict=True)
+    ]
     return Material(settings, sites, templates, examples)
 
 

@@ -520,9 +520,10 @@ def _mine_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Find
 
 def _mines_alone_finding(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Finding:
     """Return how what a mine alone gives at its peak changes by variant."""
-    changes = {}
-    for variant in _FOLLOWED:
-        changes[variant] = clustered(*own_changes(lanes, variant), recipe.boxes.draws)
+    changes = {
+        variant: clustered(*own_changes(lanes, variant), recipe.boxes.draws)
+        for variant in _FOLLOWED
+    }
     texts = [f"{variant} {with_interval(change)}" for variant, change in changes.items()]
     return STATEMENTS.number("alone", changes["least squares"], changes="; ".join(texts))
 

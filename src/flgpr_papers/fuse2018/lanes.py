@@ -156,9 +156,9 @@ class FuseRecipe(Table):
             **dict(self.suppress),
         }
         tables["image"] |= image
-        stages = []
-        for stage in tables["clutter"]:
-            stages.append(stage | masks if stage["stage"] == "masks" else stage)
+        stages = [
+            stage | masks if stage["stage"] == "masks" else stage for stage in tables["clutter"]
+        ]
         tables["clutter"] = stages
         return Recipe.model_validate(tables)
 
@@ -221,9 +221,7 @@ def lane_scene(recipe: FuseRecipe, name: str, band: str) -> Scene:
     density = recipe.radar.scatterers
     if density is None and band == "x":
         density = recipe.radar.scatterers_x
-    draws = []
-    for depth in lanes.depths:
-        draws.append({"kind": "metal", "depth": depth, "count": lanes.mines})
+    draws = [{"kind": "metal", "depth": depth, "count": lanes.mines} for depth in lanes.depths]
     return Scene.model_validate(
         {
             "name": f"{name}-{band}",

@@ -80,9 +80,10 @@ def stage_images(cleaned: Cleaned, chosen: BoolArray) -> dict[str, ComplexArray]
         Images (pixel,) by name: "iteration 0" and so on, "#0" and so on.
     """
     stack = cleaned.aperture.stack_on(cleaned.stage.points[chosen])
-    iterations = []
-    for frames in zip(*(course.data for course in cleaned.courses), strict=True):
-        iterations.append(stack.adjoint(np.stack(frames))[0, 0])
+    iterations = [
+        stack.adjoint(np.stack(frames))[0, 0]
+        for frames in zip(*(course.data for course in cleaned.courses), strict=True)
+    ]
     images = {f"iteration {number}": image for number, image in enumerate(iterations)}
     for number, members in TABLE_II.items():
         images[f"#{number}"] = np.mean([iterations[member] for member in members], axis=0)

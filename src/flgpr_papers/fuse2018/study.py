@@ -228,9 +228,10 @@ def loosened(frames: Frames, recipe: FuseRecipe) -> Frames:
     l_band_run = frames.stage.setup.run
     shift = np.zeros(l_band_run["pose"].shape)
     shift[:, :3] = np.random.default_rng(1).normal(0, deviation, (len(shift), 3))
-    runs = {}
-    for band, run in {"l": l_band_run, **frames.stage.setup.others}.items():
-        runs[band] = run.assign(pose=run["pose"] + shift)
+    runs = {
+        band: run.assign(pose=run["pose"] + shift)
+        for band, run in {"l": l_band_run, **frames.stage.setup.others}.items()
+    }
     return replace(frames, stage=masks_stage(runs, recipe))
 
 

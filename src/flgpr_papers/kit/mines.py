@@ -97,10 +97,10 @@ def mix_draws(mix: str, depth: float, count: int, **entries: Any) -> list[Entrie
         If no mix has that name, or ``count`` is negative.
     """
     kind = find_mix(mix).kind
-    draws = []
-    for body, number in mix_counts(mix, count).items():
-        draws.append({"kind": kind, "body": body, "depth": depth, "count": number, **entries})
-    return draws
+    return [
+        {"kind": kind, "body": body, "depth": depth, "count": number, **entries}
+        for body, number in mix_counts(mix, count).items()
+    ]
 
 
 _DECLARED = tomllib.loads(
