@@ -1,4 +1,4 @@
-"""Process the frames of a lane, and what is kept on disk: thresholds, records and results."""
+"""Process the frames of a lane: what becomes of every aperture, and what is kept on disk."""
 
 from __future__ import annotations
 
