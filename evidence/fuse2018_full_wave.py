@@ -101,13 +101,12 @@ def draw_rule(
     bodies: list[tuple[str, float, float]],
 ) -> None:
     """Draw the mask of a roadside rule, and VV as it is and by two methods."""
-    extent = _GRID.x[0], _GRID.x[-1], _GRID.y[0], _GRID.y[-1]
-    show(row[0], mask, extent, 0, 1, cmap="gray")
+    show(row[0], mask, _GRID.x, _GRID.y, 0, 1, cmap="gray")
     row[0].set_title(f"mask, roadside {rule}", fontsize=9)
     top = np.abs(images["none"][0]).max()
     for axes, method in zip(row[1:], ("none", "iteration", "least squares"), strict=True):
         level = decibels(np.abs(images[method][0]) / top)
-        show(axes, level, extent, -_RANGE, 0, cmap="viridis")
+        show(axes, level, _GRID.x, _GRID.y, -_RANGE, 0, cmap="viridis")
         axes.set_title("VV as it is" if method == "none" else f"VV, {method}", fontsize=9)
     for axes in row:
         for mark, (_, x, y) in zip("^^^xs", bodies, strict=True):

@@ -89,7 +89,7 @@ def measured(name: str, body: str) -> dict[str, str]:
     looks = signature_looks(recipe, "sand", share=1.0)
     cuts = np.concatenate([target_cut(recipe, look) for look in looks])
     hh, vv = np.split(np.abs(cuts), 2, axis=1)
-    humps = signature_humps(recipe, looks)
+    humps = signature_humps(recipe, cuts)
     row = {"mine": name, "looks": str(len(looks))}
     for polarization in recipe.cut.polarizations:
         interval = students(humps[polarization])

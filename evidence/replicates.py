@@ -28,9 +28,18 @@ from flgpr.progress import silent
 from flgpr.recipe.schema import parse_recipe
 from flgpr.store import write_whole
 from flgpr_papers.flsar2004.examples import join
-from flgpr_papers.flsar2004.experiment import paper_size
-from flgpr_papers.flsar2004.findings import prepare
+from flgpr_papers.flsar2004.findings import (
+    SHALLOW,
+    Material,
+    Results,
+    pick_examples,
+    prepare,
+    ratio_interval,
+    spread_of_folds,
+    thin_examples,
+)
 from flgpr_papers.flsar2004.lanes import drive, load_settings
+from flgpr_papers.flsar2004.machines import leave_one_out, rvm, svm
 from flgpr_papers.kit.findings import (
     OPEN,
     Finding,
@@ -132,6 +141,28 @@ def leave_one_out_experiment(folder: Path) -> Replicate:
         return paper_size(material, number).findings
 
     return run
+
+
+def paper_size(material: Material, seed: int) -> Results:
+    """Run the leave-one-out of Fig. 6 with as many examples as the paper has, drawn by a seed.
+
+    They are of the temperate site, the last one.
+    """
+    options = material.settings.classify
+    results = Results()
+    chosen = pick_examples(material.examples[-1], ("metal",), (-1.0, SHALLOW), "VV")
+    few = thin_examples(chosen, options.examples, seed)
+    measure = material.measure(few)
+    machines = {"RVM": rvm(options), "SVM": svm(options), "polynomial": rvm(options, "poly")}
+    scores = {name: leave_one_out(few, one, options.folds) for name, one in machines.items()}
+    shares = scores["RVM"].vector_share, scores["SVM"].vector_share
+    for name, rival in (("machines", "SVM"), ("kernel", "polynomial")):
+        gap = measure.difference(scores["RVM"], scores[rival])
+        results.judge(name, gap)
+    results.judge("relevance-share", spread_of_folds(shares[0]))
+    results.judge("support-share", spread_of_folds(shares[1]))
+    results.judge("sparser", ratio_interval(*shares))
+    return results
 
 
 EXPERIMENTS = {"wang2007": calibration_experiment, "flsar2004": leave_one_out_experiment}

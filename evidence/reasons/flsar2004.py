@@ -412,8 +412,8 @@ def sparsity_trials(material: Material) -> list[Trial]:
         cases.append((changed, rvm(options, rate=rate), svm(options), explanation))
     trial_list: list[Trial] = []
     for changed, relevance_machine, support_machine, explanation in cases:
-        relevance = leave_one_out(*few, relevance_machine, options.folds)
-        support = leave_one_out(*few, support_machine, options.folds)
+        relevance = leave_one_out(few, relevance_machine, options.folds)
+        support = leave_one_out(few, support_machine, options.folds)
         trial_list += _vector_trials(settings, few, changed, relevance, support, explanation)
     return trial_list
 
@@ -427,7 +427,7 @@ def _vector_trials(
     explanation: str,
 ) -> list[Trial]:
     """Return the numbers of vectors of both machines, and how well they find mines."""
-    sample = f"{len(few[0])} examples, left out one by one"
+    sample = f"{len(few.table)} examples, left out one by one"
     share_statement = "share of relevance vectors"
     share = Question(share_statement, "relevance vectors over examples", sample)
     ratio = Question("RVM sparser by as much", "relevance over support vectors", sample)
@@ -436,10 +436,10 @@ def _vector_trials(
         share.asked(explanation, changed, spread_of_folds(relevance.vector_share), RELEVANCE),
         ratio.asked(explanation, changed, of_both, SPARSER),
     ]
-    measure = Measure(open_area(few, settings))
+    measure = Measure(open_area(few, settings), draws=settings.classify.bootstrap)
     for label, scores in (("RVM", relevance), ("SVM", support)):
         question = Question(share_statement, f"mean Pd up to 0.07 per m², {label}", sample)
-        value = measure.interval(scores, settings.classify.bootstrap)
+        value = measure.interval(scores)
         trial_list.append(question.shown(changed, value))
     return trial_list
 
@@ -480,7 +480,7 @@ def _between_trials(material: Material, variant: Variant) -> list[Trial]:
         (
             at_temperate,
             unseen if is_main else "",
-            held_out(*of_temperate, detector, options.folds, novelty=True),
+            held_out(of_temperate, detector, options.folds, novelty=True),
             quantity,
         ),
         ("trained on metal of the arid site", "", across(metal, test, detector), quantity),
@@ -488,16 +488,16 @@ def _between_trials(material: Material, variant: Variant) -> list[Trial]:
         (
             at_temperate,
             "",
-            held_out(*of_temperate, rvm(options), options.folds),
+            held_out(of_temperate, rvm(options), options.folds),
             binary_quantity,
         ),
     )
-    measure = Measure(open_area(test, material.settings))
+    measure = material.measure(test)
     trial_list = []
     for changed, explanation, scores, number in cases:
         statement = "training carries over, arid to temperate, plastic"
         question = Question(statement, number, f"{len(np.unique(scores.target))} mines")
-        value = clip(measure.interval(scores, options.bootstrap), SHARE)
+        value = clip(measure.interval(scores), SHARE)
         trial_list.append(
             question.asked(explanation, f"{_name_of(variant)}, {changed}", value, CARRIES)
         )

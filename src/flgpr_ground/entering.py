@@ -15,7 +15,6 @@ import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
@@ -24,11 +23,12 @@ from flgpr.store import sha256, write_table, write_whole
 from flgpr.store.outputs import atomic_output, discard_partials, locked_folder
 from flgpr.store.tables import read_table_in
 from flgpr.toml_text import toml_value
+from flgpr.types import Entries
+from flgpr_ground.board import refuse_other_page, write_leaderboard
 from flgpr_ground.card import CARD, RECORD, entered_card, parse_card
 from flgpr_ground.entries import Entry
 from flgpr_ground.ground import Ground, in_tier
 from flgpr_ground.lanes import PRINTS, begin_folder, read_ground, seal_tested
-from flgpr_ground.leaderboard import refuse_other_page, write_leaderboard
 from flgpr_ground.running import ABOUT, ALARMS, entry_folder, measured_cost, write_about
 from flgpr_ground.submission import Submission, check_submission
 from flgpr_ground.table import write_score_tables
@@ -239,9 +239,7 @@ def write_submissions(folder: str | Path) -> list[Path]:
     return written
 
 
-def _write_submission(
-    home: Path, name: str, tiers: Sequence[tuple[Ground, dict[str, Any]]]
-) -> Path:
+def _write_submission(home: Path, name: str, tiers: Sequence[tuple[Ground, Entries]]) -> Path:
     """Write an entry that ran on tiers as a submission."""
     target = home / SUBMISSIONS / name
     refuse_links(target)
@@ -265,13 +263,13 @@ def _write_submission(
     return target
 
 
-def _card_text(home: Path, name: str, tiers: Sequence[tuple[Ground, dict[str, Any]]]) -> str:
+def _card_text(home: Path, name: str, tiers: Sequence[tuple[Ground, Entries]]) -> str:
     """Return the card of an entry that ran on tiers: what is known is filled in."""
     ground, about = tiers[-1]
     costs = pd.DataFrame(
         [measured_cost(tier, name, entry_folder(home, name, tier)) for tier, _ in tiers]
     ).max(numeric_only=True)
-    entries: dict[str, Any] = {
+    entries: Entries = {
         "format": "flgpr-submission-1",
         "ground": ground.title,
         "name": name,
@@ -284,7 +282,7 @@ def _card_text(home: Path, name: str, tiers: Sequence[tuple[Ground, dict[str, An
         "test_truth_seen": False,
         "digest": about["made_of"],
     }
-    cost: dict[str, Any] = {
+    cost: Entries = {
         "hardware": f"{os.cpu_count()} processors, {platform.machine()}",
         "seconds_per_km": round(costs["seconds_per_km"], 1),
         "training_seconds": round(costs["training_seconds"], 1),

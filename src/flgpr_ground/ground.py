@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
@@ -14,13 +14,17 @@ from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 from pydantic import Field, ValidationError, model_validator
 
 from flgpr.door import read_named
 from flgpr.jobs.simulated_lane import simulate_to_store
+from flgpr.method.imaged_run import ImagedRun
+from flgpr.method.method import engine_of
 from flgpr.model import Lane, Sensor, load_sensor
 from flgpr.model.bounds import AtLeastOne
 from flgpr.model.faults import describe_fault, faults_of, listed_faults
+from flgpr.recipe.schema import parse_recipe
 from flgpr.simulate import Scene, draw_world
 from flgpr.stages import Positive, Table
 from flgpr.store import (
@@ -34,7 +38,9 @@ from flgpr.store import (
 )
 from flgpr.store.files import existing
 from flgpr.store.lane_file import lane_file_of
+from flgpr.store.tables import read_table_in
 from flgpr.toml_text import parse_toml
+from flgpr.types import Entries, floats
 
 GROUNDS = ("proving-ground-2", "proving-ground-1", "full-wave-2", "full-wave-1")
 """The packaged descriptions, the first by default."""
@@ -44,6 +50,8 @@ MINES = "mines"
 """Name of the group of all mines in the scores."""
 BODY = "body "
 """Prefix of the groups of targets with one packaged body."""
+Score = Mapping[Any, Any]
+"""A row of a table of scores or costs, by its columns."""
 SAMPLE = "sample"
 """What stands in place of paths for a packaged full-wave lane, alone or before "/" and its name."""
 
@@ -144,7 +152,7 @@ class Description(Table):
     fars: tuple[float, ...]
     far: float
     reference: str
-    scene: dict[str, Any]
+    scene: Entries
     sites: dict[str, str] = Field(default_factory=dict)  #: of a ground without tiers
     #: grounds of the same design at other sites, scored apart
     tiers: dict[str, TierRow] = Field(default_factory=dict)
@@ -177,6 +185,44 @@ class Description(Table):
 
 
 @dataclass(frozen=True)
+class LaneData:
+    """A lane of a proving ground; what it holds is read when it is asked for."""
+
+    name: str  #: its name on the ground
+    site: str  #: name of its site
+    part: str  #: "train", "validate" or "test"; the truth of the last is sealed
+    lane: Lane  #: its borders, m in the lane frame
+    folder: Path = field(repr=False)  #: has the lanes of the ground
+    recipe: str = field(repr=False)  #: TOML text of the recipe that makes the image
+
+    @cached_property
+    def run(self) -> xr.Dataset:
+        """The run: ``signal`` (scan, polarization, pair, frequency), positions and poses."""
+        return open_run(self.folder / f"{self.name}.zarr")
+
+    @cached_property
+    def image(self) -> xr.DataArray:
+        """The run-view (polarization, subband, y, x) in the lane frame, over the background."""
+        setup = ImagedRun(self.run, parse_recipe(self.recipe), self.lane, explains=False)
+        engine = engine_of(setup)
+        engine.run(names=list(engine.passes)[: list(engine.passes).index("view") + 1])
+        return setup.view()
+
+    @property
+    def truth(self) -> pd.DataFrame:
+        """The targets: ``x``, ``y`` (m), ``kind``, ``depth`` (m), ``target_id``.
+
+        Raises
+        ------
+        ValueError
+            If the lane is one to test on.
+        """
+        if self.part == "test":
+            raise ValueError(f"truth must be of a training lane, got {self.name}, which is sealed")
+        return read_table_in(self.folder, f"{self.name}-truth.csv", "truth")
+
+
+@dataclass(frozen=True)
 class GroundLane:
     """A lane of the ground: a scene that is simulated, or a run store with its truth."""
 
@@ -196,7 +242,7 @@ class GroundLane:
 
         The patterns of splits match this name.
         """
-        return self.name.removeprefix(f"{self.tier}-") if self.tier else self.name
+        return self.name.removeprefix(f"{self.tier}-")
 
     @property
     def empty(self) -> bool:
@@ -207,6 +253,10 @@ class GroundLane:
     def length(self) -> float:
         """Its length, m."""
         return self.lane.y_max - self.lane.y_min
+
+    def data(self, folder: Path, recipe: str) -> LaneData:
+        """Return it as it lies in a folder, with the recipe (TOML text) of its image."""
+        return LaneData(self.name, self.site, self.part, self.lane, folder, recipe)
 
     def truth(self) -> pd.DataFrame:
         """Return the table of its targets."""
@@ -328,12 +378,11 @@ class Ground:
             recorded = {"polarization": self.table.polarization}
             preset = Sensor.model_validate({**preset.model_dump(), **recorded})
         table = self.table
-        for tier, row_of_tier in table.tiers.items() or [("", None)]:
+        without_tiers = {"": TierRow(title="", sites=table.sites)}
+        for tier, of_tier in (table.tiers or without_tiers).items():
             if self.tier not in ("", tier):
                 continue
-            sites = table.sites if row_of_tier is None else row_of_tier.sites
-            surfaces = {} if row_of_tier is None else row_of_tier.surface
-            for site, (design, row) in itertools.product(sites, table.lanes.items()):
+            for site, (design, row) in itertools.product(of_tier.sites, table.lanes.items()):
                 if row.sites and site not in row.sites:
                     continue
                 prefix = f"{tier}-{site}-{design}" if tier else f"{site}-{design}"
@@ -341,12 +390,13 @@ class Ground:
                     lane = Lane(*row.borders)
                     stored = (Path(row.run), Path(row.truth))
                     if row.packaged_lane is not None:
-                        stored = sample_files(row.packaged_lane)
+                        folder = sample_lane(row.packaged_lane)
+                        stored = (folder / "run.zarr", folder / "truth.csv")
                     yield GroundLane(
                         f"{prefix}-1", site, row.part, lane, 0, Scene(), preset, stored, tier
                     )
                     continue
-                scene = self._scene(sites[site], row, surfaces.get(design, {}))
+                scene = self._scene(of_tier.sites[site], row, of_tier.surface.get(design, {}))
                 entries = preset.model_dump()
                 entries |= {**row.sensor, "errors": entries["errors"] | row.errors}
                 sensor = Sensor.model_validate(entries)
@@ -385,12 +435,6 @@ def in_tier(alarms: pd.DataFrame, tier: Ground) -> pd.DataFrame:
     if not tier.tier:
         return alarms
     return alarms[alarms["lane"].isin(tier.lanes)].reset_index(drop=True)
-
-
-def sample_files(name: str = SAMPLE_LANES[0]) -> tuple[Path, Path]:
-    """Return the run store and the truth of a packaged full-wave lane, by default the first."""
-    folder = sample_lane(name)
-    return folder / "run.zarr", folder / "truth.csv"
 
 
 def load_ground(quick: bool = False, source: str | Path | None = None) -> Ground:
@@ -446,7 +490,7 @@ def packaged_text(name: str) -> str:
         return (resources.files("flgpr_ground") / name).read_text("utf-8")
 
 
-def _quick_form(data: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
+def _quick_form(data: Entries, over: Entries) -> Entries:
     """Lay the table ``quick`` over a description, of which only what the table names stays."""
     for table in ("lanes", "splits"):
         rows = over.pop(table, {})
@@ -494,9 +538,7 @@ def scores_at(
     """
     allowed = ground.table.far if far is None else far
     # A FAR that was written to a table and read again may differ in its last digit.
-    is_chosen = np.isclose(scores["far_allowed"].astype(float), allowed) & (
-        scores["split"] == split
-    )
+    is_chosen = np.isclose(floats(scores["far_allowed"]), allowed) & (scores["split"] == split)
     if group is not None:
         is_chosen &= scores["group"] == group
     if ground.tier:

@@ -22,7 +22,15 @@ from flgpr.model import Grid, Lane, ground_points, lane_to_scan
 from flgpr.recipe.schema import load_recipe
 from flgpr.simulate import Simulator
 from flgpr.store import open_run, write_whole
-from flgpr.types import AnyArray, ArrayLike, Complex128Array, ComplexArray, FloatArray, IntArray
+from flgpr.types import (
+    AnyArray,
+    ArrayLike,
+    Complex128Array,
+    ComplexArray,
+    Entries,
+    FloatArray,
+    IntArray,
+)
 from flgpr_ground.ground import Ground, GroundLane, load_ground
 from flgpr_ground.lanes import SEALED, passphrase, read_ground
 from flgpr_trials.blind import open_truth
@@ -105,9 +113,10 @@ def run_oracle(
     lanes = [_lanes_of_sites(ground, benchmark) for ground in tiers]
     # Opening the truth is logged: it comes after all that can be wrong.
     truth, *_ = open_truth(benchmark / "lanes" / SEALED, passphrase(tiers[0]))
-    tables = []
-    for ground, of_sites in zip(tiers, lanes, strict=True):
-        tables.append(_look_at_tier(ground, of_sites, benchmark, recipe, options, truth))
+    tables = [
+        _look_at_tier(ground, of_sites, benchmark, recipe, options, truth)
+        for ground, of_sites in zip(tiers, lanes, strict=True)
+    ]
     return pd.concat(tables, ignore_index=True)
 
 
@@ -213,7 +222,7 @@ def _look_at_site(
         looks, echoes = looks_at_mines(setup, lane, mines)
         for number, target in enumerate(mines.to_dict("records")):
             at_mine = looks.place == number
-            row: dict[str, Any] = {
+            row: Entries = {
                 "site": site,
                 "lane": lane.name,
                 "target_id": target["target_id"],
@@ -246,7 +255,8 @@ class BareGround:
     def __init__(self, setup: ImagedRun, lane: Lane, kinds: tuple[str, ...] = ("full",)) -> None:
         self.grid = Grid.spanning((lane.x_min, lane.x_max), (lane.y_min, lane.y_max), STEP)
         self.area = lane.area
-        looks = looks_at(setup, self.grid.points().reshape(-1, 3))
+        points = self.grid.points().reshape(-1, 3)
+        looks = join_looks([of_scan for _, _, of_scan in _looks_of_scans(setup, points)])
         self.place = looks.place
         self.ahead = looks.ahead
         # Clutter weakens and resolution falls with distance: a covariance for every metre.
@@ -392,24 +402,6 @@ def cleaned_run(run: xr.Dataset, lane: Lane, recipe: str) -> ImagedRun:
     setup = ImagedRun(run, load_recipe(recipe), lane, explains=False)
     engine_of(setup).run(names=("signature", "gain"))
     return setup
-
-
-def looks_at(setup: ImagedRun, points: FloatArray) -> Looks:
-    """Cut the chips about places out of all scans that see them.
-
-    Parameters
-    ----------
-    setup : ImagedRun
-        A lane with its background.
-    points : (place, 3) ndarray
-        Places in the lane frame, m.
-
-    Returns
-    -------
-    Looks
-        Scan after scan.
-    """
-    return join_looks([looks for _, _, looks in _looks_of_scans(setup, points)])
 
 
 def _looks_of_scans(

@@ -22,8 +22,8 @@ import pandas as pd
 
 from flgpr.model import check_alarms
 from flgpr.store import sha256
-from flgpr.types import FloatArray
-from flgpr_ground.lane_data import LaneData
+from flgpr.types import FloatArray, floats
+from flgpr_ground.ground import LaneData
 
 FEATURES = ("[CMPR]_*",)
 """Columns that a class without ``features`` is given: Wang et al. 2007's ten in every sub-band."""
@@ -36,7 +36,7 @@ class OwnDetector:
 
     It has ``fit``, and ``decision_function`` or ``predict_proba``, which take rows of features of
     alarms as scikit-learn's classifiers do; or ``detect``, and its ``fit`` and ``detect`` take lanes
-    (:class:`flgpr_ground.lane_data.LaneData`).
+    (:class:`flgpr_ground.ground.LaneData`).
     """
 
     path: str  #: "module:Class"
@@ -82,7 +82,7 @@ class OwnDetector:
         values = np.asarray(self._call(detector, method, rows))
         if method == "predict_proba" and values.ndim == 2:
             values = values[:, -1]
-        if values.shape != (len(rows),) or not np.isfinite(values.astype(float)).all():
+        if values.shape != (len(rows),) or not np.isfinite(floats(values)).all():
             raise ValueError(
                 f"{method} of {self.path} must give a finite number for each of {len(rows)} alarms, "
                 f"got an array of shape {values.shape} or values that are not finite"

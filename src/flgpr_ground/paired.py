@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,13 +28,12 @@ from flgpr.scoring.comparison import found_from, paired_points
 from flgpr.scoring.matching import Match
 from flgpr.store import write_whole
 from flgpr.store.tables import read_table_in
-from flgpr.types import BoolArray, FloatArray
+from flgpr.types import BoolArray, Entries, FloatArray
 from flgpr_ground.citing import bibtex, latex_table
 from flgpr_ground.entering import SHOWN
 from flgpr_ground.entries import packaged_entries
 from flgpr_ground.figures import kind_label
-from flgpr_ground.ground import Ground, opening_split
-from flgpr_ground.lane_data import lane_data
+from flgpr_ground.ground import Ground, Score, opening_split
 from flgpr_ground.lanes import SEALED, passphrase, read_ground
 from flgpr_ground.running import ALARMS, entry_folder
 from flgpr_ground.table import (
@@ -72,7 +71,7 @@ class Pair:
         """Return which mines an entry finds at the FAR of comparison."""
         return np.asarray(self.targets[f"far_{number}"] <= self.tier.table.far)
 
-    def differences(self, fars: Sequence[float]) -> list[dict[str, Any]]:
+    def differences(self, fars: Sequence[float]) -> list[Entries]:
         """Return the difference of Pd, first less second, with its 95 % interval at FARs per m²."""
         return paired_points(*self.matches, fars, self.mines)
 
@@ -233,10 +232,10 @@ def _kind_rows(pair: Pair) -> list[list[Any]]:
     return rows
 
 
-def _cards(home: Path, pair: Pair, truth: pd.DataFrame) -> list[tuple[str, list[dict[Any, Any]]]]:
+def _cards(home: Path, pair: Pair, truth: pd.DataFrame) -> list[tuple[str, list[Score]]]:
     """Return the targets of every outcome with their chips, those that one alone finds first."""
     chips = dict(_chips(home, pair, truth.set_index("target_id")[["x", "y"]]))
-    cards: dict[tuple[bool, bool], list[dict[Any, Any]]] = {outcome: [] for outcome in _OUTCOMES}
+    cards: dict[tuple[bool, bool], list[Score]] = {outcome: [] for outcome in _OUTCOMES}
     far = pair.tier.table.far
     for row in pair.targets.to_dict("records"):
         told = [_told(row, number) for number in (1, 2)]
@@ -245,7 +244,7 @@ def _cards(home: Path, pair: Pair, truth: pd.DataFrame) -> list[tuple[str, list[
     return [(_OUTCOMES[outcome].format(*pair.names), cards[outcome]) for outcome in _OUTCOMES]
 
 
-def _told(row: Mapping[Any, Any], number: int) -> str:
+def _told(row: Score, number: int) -> str:
     """Return what an entry makes of a target, in words."""
     if np.isinf(row[f"far_{number}"]):
         return "no alarm there"
@@ -263,7 +262,7 @@ def _chips(
     else:
         recipe = packaged.text
     for name, targets in pair.targets.groupby("lane"):
-        data = lane_data(pair.tier.lanes[str(name)], home / "lanes", recipe)
+        data = pair.tier.lanes[str(name)].data(home / "lanes", recipe)
         view = data.image.sel(subband=parse_recipe(recipe).prescreen.subband)
         for target in targets["target_id"]:
             x, y = places.loc[target]

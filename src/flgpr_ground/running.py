@@ -10,7 +10,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -27,10 +27,10 @@ from flgpr.stages.too_few import check_classes
 from flgpr.store import sha256, write_table, write_whole
 from flgpr.store.lane_file import lane_file_of
 from flgpr.store.tables import parse_columns, read_table_in
+from flgpr.types import Entries
 from flgpr_ground.card import CARD
 from flgpr_ground.entries import ORACLES, Entry, find_entry, packaged_entries
 from flgpr_ground.ground import Ground, GroundLane, in_tier, load_ground
-from flgpr_ground.lane_data import LaneData, lane_data
 from flgpr_ground.lanes import begin_folder, make_lanes
 from flgpr_ground.own import OwnDetector
 
@@ -48,7 +48,7 @@ def read_costs(folder: Path) -> Costs:
     return dict(Folder(folder).json(COSTS)) if Folder(folder).has(COSTS) else {}
 
 
-def measured_cost(ground: Ground, name: str, entry: Path) -> dict[str, Any]:
+def measured_cost(ground: Ground, name: str, entry: Path) -> Entries:
     """Return what an entry cost where it was run."""
     metres = lane_seconds = training_seconds = 0.0
     peaks = []
@@ -67,34 +67,21 @@ def measured_cost(ground: Ground, name: str, entry: Path) -> dict[str, Any]:
     }
 
 
+@dataclass
 class _EntryRun:
-    """The run of an entry over a ground.
+    """The run of an entry over a ground."""
 
-    Parameters
-    ----------
-    ground : Ground
-        The ground, or one tier of it.
-    entry : Entry
-        An entry that is a recipe or a class of one's own.
-    lanes : Path
-        The folder that has the lanes.
-    folder : Path
-        Takes what the entry makes.
-    options : RunOptions
-        Who does the work.
-    """
+    ground: Ground  #: the ground, or one tier of it
+    entry: Entry  #: an entry that is a recipe or a class of one's own
+    lanes: Path  #: the folder that has the lanes
+    folder: Path  #: takes what the entry makes
+    options: RunOptions  #: who does the work
+    #: classes of one's own, by training lanes
+    fitted: dict[tuple[str, ...], Any] = field(default_factory=dict)
 
-    def __init__(
-        self, ground: Ground, entry: Entry, lanes: Path, folder: Path, options: RunOptions
-    ) -> None:
-        self.ground = ground
-        self.entry = entry
-        self.lanes = lanes
-        self.folder = folder
-        self.options = options
-        self.fitted: dict[tuple[str, ...], Any] = {}  # classes of one's own, by training lanes
-        write_whole(folder / "recipe.toml", entry.text)
-        self.costs = read_costs(folder)
+    def __post_init__(self) -> None:
+        write_whole(self.folder / "recipe.toml", self.entry.text)
+        self.costs = read_costs(self.folder)
 
     def run(self) -> None:
         """Write the alarms of every split, fold by fold; folds that are there are left alone."""
@@ -147,9 +134,10 @@ class _EntryRun:
             except ValueError as error:
                 faults.setdefault(str(error), []).append(lane.name)
         if faults:
-            told = []
-            for fault, lanes in faults.items():
-                told.append(f"{fault} on {len(lanes)} of {len(tested)} lanes: {', '.join(lanes)}")
+            told = [
+                f"{fault} on {len(lanes)} of {len(tested)} lanes: {', '.join(lanes)}"
+                for fault, lanes in faults.items()
+            ]
             raise ValueError("; ".join(told))
         return tables
 
@@ -163,7 +151,9 @@ class _EntryRun:
         """Return the alarms of a class in a lane, whose recipe's alarms and features are given."""
         if table is None:
             self.costs.pop(lane.name, None)  # of an earlier fold
-            return self._timed(lane.name, own.detect, fitted, self._lane_data(lane))
+            return self._timed(
+                lane.name, own.detect, fitted, lane.data(self.lanes, self.entry.text)
+            )
         alarms, rows = table
         columns = own.columns(list(rows.columns))
         complete = feature_values(rows, columns)[1]
@@ -172,7 +162,7 @@ class _EntryRun:
 
     def _own_examples(self, own: OwnDetector, lanes: Sequence[GroundLane]) -> tuple[Any, ...]:
         """Return what a class of one's own learns from: lanes, or features and labels of alarms."""
-        given = [self._lane_data(lane) for lane in lanes]
+        given = [lane.data(self.lanes, self.entry.text) for lane in lanes]
         if own.takes_lanes:
             return (given,)
         examples = []
@@ -197,10 +187,6 @@ class _EntryRun:
             alarms = read_table_in(folder, f"{lane.name}-alarms.csv", "alarms")
             tables.append((alarms, parse_columns(Folder(folder).read(f"{lane.name}.csv"))))
         return tables
-
-    def _lane_data(self, lane: GroundLane) -> LaneData:
-        """Return a lane as a class of one's own sees it."""
-        return lane_data(lane, self.lanes, self.entry.text)
 
     def _timed(self, work: str, call: Callable[..., T], *given: Any) -> T:
         """Call a method of one's own, and count its processor time under a name of the costs."""
@@ -341,9 +327,10 @@ def submitted(ground: Ground, folder: Path) -> dict[str, pd.DataFrame]:
         If a list is named after no split, or does not name the lanes of its split in the column
         ``lane``.
     """
-    tables = {}
-    for path in sorted(folder.glob("*.csv")):
-        tables[path.stem] = read_table_in(folder, path.name, "alarms")
+    tables = {
+        path.stem: read_table_in(folder, path.name, "alarms")
+        for path in sorted(folder.glob("*.csv"))
+    }
     for split, table in tables.items():
         if split not in ground.table.splits:
             raise ValueError(
@@ -371,7 +358,7 @@ def made_of(entry: Entry) -> str:
 def write_about(ground: Ground, entry: Entry, folder: Path, fault: str = "") -> None:
     """Write what an entry is, and why it did not finish if so."""
     folder.mkdir(parents=True, exist_ok=True)
-    about: dict[str, Any] = {
+    about: Entries = {
         "ground": ground.title,
         "entry": entry.name,
         "title": entry.title,
@@ -479,5 +466,4 @@ def _checked_entries(names: Sequence[str | Path], ground: Ground) -> list[Entry]
 
 def entry_folder(folder: Path, entry: str, ground: Ground) -> Path:
     """Return the folder of what an entry makes on a ground, or on one tier of it."""
-    of_entry = folder / "entries" / entry
-    return of_entry / ground.tier if ground.tier else of_entry
+    return folder / "entries" / entry / ground.tier

@@ -28,9 +28,8 @@ from flgpr.model.printable import printable
 from flgpr.store.tables import parse_columns
 from flgpr_ground.card import CARD, MOST_CARD_BYTES, Card, parse_card
 from flgpr_ground.entries import ORACLES, packaged_entries
-from flgpr_ground.fingerprints import likeness_of
 from flgpr_ground.ground import GROUNDS, Ground, GroundLane, load_ground
-from flgpr_ground.lanes import PRINTS
+from flgpr_ground.lanes import PRINTS, likeness_of
 from flgpr_ground.running import ALARMS
 
 MOST_PRINT_BYTES = 2**20

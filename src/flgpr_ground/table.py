@@ -28,20 +28,21 @@ from flgpr.scoring.matching import Match
 from flgpr.store import sha256, write_whole
 from flgpr.store.outputs import log_finished
 from flgpr.store.tables import parse_columns, read_table_in
+from flgpr.types import Entries
 from flgpr_ground.card import entered_card, parse_card
 from flgpr_ground.entries import ORACLES, packaged_entries
 from flgpr_ground.figures import split_figure, tiers_figure
-from flgpr_ground.fingerprints import same_lanes
 from flgpr_ground.ground import (
     BODY,
     MINES,
     Ground,
+    Score,
     by_pd,
     load_ground,
     opening_split,
     scores_at,
 )
-from flgpr_ground.lanes import SEALED, common_ground, passphrase
+from flgpr_ground.lanes import SEALED, common_ground, passphrase, same_lanes
 from flgpr_ground.oracle import oracle_file
 from flgpr_ground.running import ABOUT, ALARMS, entry_folder, measured_cost
 from flgpr_trials.blind import match_blind
@@ -83,13 +84,13 @@ def score_entries(folders: Sequence[str | Path]) -> tuple[pd.DataFrame, pd.DataF
     """
     benchmarks = [Path(folder) for folder in folders]
     ground = common_ground(benchmarks)
-    rows: list[dict[str, Any]] = []
-    costs = []
+    rows: list[Entries] = []
+    costs: list[Entries] = []
     for tier in ground.chosen_tiers():
         column = {"tier": tier.tier} if tier.tier else {}
-        references = {}
-        for split in tier.table.splits:
-            references[split] = _reference_alarms(benchmarks, tier, split)
+        references = {
+            split: _reference_alarms(benchmarks, tier, split) for split in tier.table.splits
+        }
         for folder, name, entry in _entries(benchmarks, tier):
             for split, reference in references.items():
                 if (entry / split / ALARMS).is_file():
@@ -132,7 +133,7 @@ def _reference_alarms(folders: Sequence[Path], ground: Ground, split: str) -> pd
 
 def _stored_score(
     ground: Ground, folder: Path, name: str, split: str, reference: pd.DataFrame | None
-) -> list[dict[str, Any]]:
+) -> list[Entries]:
     """Return the score of an entry's alarms of a split.
 
     A score of the same alarms beside the same reference is read where it was stored.
@@ -169,9 +170,7 @@ def _score_key(
     return sha256(text.encode())[:_KEY_DIGITS]
 
 
-def _rows(
-    ground: Ground, split: str, matched: Match, reference: Match | None
-) -> Iterator[dict[str, Any]]:
+def _rows(ground: Ground, split: str, matched: Match, reference: Match | None) -> Iterator[Entries]:
     """Yield the score of all mines, of kinds of targets and packaged bodies, and of every site."""
     groups = _groups(ground, split, matched.truth)
     for group, of_group in groups.items():
@@ -224,7 +223,7 @@ def chosen_mines(ground: Ground, split: str, targets: pd.DataFrame) -> pd.Series
     return kind.isin(kinds) if kinds else kind != "simulant"
 
 
-def _oracle_rows(ground: Ground, false_alarms: pd.DataFrame) -> Iterator[dict[str, Any]]:
+def _oracle_rows(ground: Ground, false_alarms: pd.DataFrame) -> Iterator[Entries]:
     """Yield the score of both oracles in the splits whose targets they know.
 
     Chance is that of strewn alarms.
@@ -263,13 +262,13 @@ def _oracle_rows(ground: Ground, false_alarms: pd.DataFrame) -> Iterator[dict[st
 
 def _points(
     ground: Ground, group: str, matched: Match, rows: Any, reference: Match | None = None
-) -> Iterator[dict[str, Any]]:
+) -> Iterator[Entries]:
     """Yield the score of a group of targets at every allowed FAR."""
     curve = chance(matched).add_chance_column(roc_of(matched, rows), rows)
     fars = ground.table.fars
     points = curve.iloc[operating_row(curve, np.array(fars))].to_dict("records")
     for allowed, point in zip(fars, points, strict=True):
-        row: dict[str, Any] = {"group": group, "far_allowed": allowed}
+        row: Entries = {"group": group, "far_allowed": allowed}
         row |= {name: float(point[name]) for name in ("pd", "pd_low", "pd_high", "chance", "far")}
         if math.isnan(row["chance"]):
             # The targets lie too close to be moved clear of all halos.
@@ -328,27 +327,27 @@ def table_text(ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame) -> str
     return "\n".join(lines)
 
 
-def costs_in_words(cost: Mapping[Any, Any]) -> list[str]:
+def costs_in_words(cost: Score) -> list[str]:
     """Return seconds per km, seconds of training and MiB as text; "-" for what is not known."""
     values = [cost["seconds_per_km"], cost["training_seconds"], cost["peak_bytes"] / 2**20]
     return [f"{value:.0f}" if np.isfinite(value) else "-" for value in values]
 
 
-def pd_in_words(score: Mapping[Any, Any]) -> str:
+def pd_in_words(score: Score) -> str:
     """Return a Pd with its interval, counts and chance, as text."""
     interval = f"({score['pd_low']:.2f} to {score['pd_high']:.2f})"
     counts = f"{score['n_detected']:.0f} of {score['n_targets']:.0f}, {score['n_false']:.0f} false"
     return f"{score['pd']:.2f} {interval}, {counts}, chance {score['chance']:.2f}"
 
 
-def paired_in_words(score: Mapping[Any, Any], before: str = "") -> str:
+def paired_in_words(score: Score, before: str = "") -> str:
     """Return the paired comparison with the reference as text; "" for the reference itself."""
     if pd.isna(score.get("p")):
         return ""
     return f"{before}+{score['only']:.0f} -{score['reference_only']:.0f}, p = {score['p']:.2g}"
 
 
-def paired_sentence(score: Mapping[Any, Any], entry: str, reference: str) -> str:
+def paired_sentence(score: Score, entry: str, reference: str) -> str:
     """Return what an entry misses and finds beside another, as a sentence; "" without a pair."""
     if pd.isna(score.get("p")):
         return ""
@@ -391,7 +390,7 @@ def best_sentence(tier: Ground, scores: pd.DataFrame) -> str:
     )
 
 
-def beside_reference(score: Mapping[Any, Any], reference: str) -> str:
+def beside_reference(score: Score, reference: str) -> str:
     """Return whether an entry is told apart from the reference, to end a sentence."""
     if score["entry"] == reference:
         return "; it is the reference"
@@ -506,9 +505,7 @@ def _page(
             ranked = by_pd(scores_at(scores, tier, split))
             if ranked.empty:
                 continue
-            by_entry: dict[str, dict[float, dict[Any, Any]]] = {
-                name: {} for name in ranked["entry"]
-            }
+            by_entry: dict[str, dict[float, Score]] = {name: {} for name in ranked["entry"]}
             for far in ground.table.fars:
                 for row in scores_at(scores, tier, split, far=far).to_dict("records"):
                     by_entry[row["entry"]][far] = row

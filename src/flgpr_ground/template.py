@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from importlib import resources
 from pathlib import Path
 
 from flgpr.door import read_named
 from flgpr.store import write_whole
 from flgpr.store.outputs import log_finished
+from flgpr_ground.ground import packaged_text
 
 
 def write_template(folder: str | Path) -> Path:
@@ -28,7 +28,7 @@ def write_template(folder: str | Path) -> Path:
     FileExistsError
         If the file is there with another content.
     """
-    text = (resources.files("flgpr_ground") / "templates" / "my_detector.py").read_text("utf-8")
+    text = packaged_text("templates/my_detector.py")
     path = Path(folder) / "my_detector.py"
     if path.exists():
         if read_named(path) != text.encode():

@@ -7,13 +7,13 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
 from flgpr.jobs.workers import Executor, InProcess, Processes
 from flgpr.progress import Track, silent
 from flgpr.store import write_whole
+from flgpr.types import Entries
 from flgpr_papers.kit.findings import OPEN, read_findings
 from flgpr_papers.kit.page import log_if_unchanged, study_html
 from flgpr_papers.kit.settings import PAPERS
@@ -96,7 +96,7 @@ def _run_all_studies(folder: Path, quick: bool, track: Track, workers: int, worl
     overview = folder / overview_name(world)
     executor = Processes(workers) if workers > 1 else InProcess()
     with log_if_unchanged(overview), executor:
-        finished: Iterable[dict[str, Any]] = (study_page(*job, track) for job in jobs)
+        finished: Iterable[Entries] = (study_page(*job, track) for job in jobs)
         if workers > 1:
             _run_parts(executor, jobs, track)
             finished = track(executor.run(study_page, jobs), "papers", len(jobs))
@@ -143,7 +143,11 @@ def write_overview(folder: Path, pages: Mapping[str, Path], quick: bool, world: 
         if paper in pages
     }
     table_name = "verdicts.csv" if world == OWN else f"verdicts-{world}.csv"
-    write_whole(folder / table_name, verdicts_csv(verdicts))
+    rows = [(paper, *row) for paper, of_paper in verdicts.items() for row in of_paper]
+    table = pd.DataFrame(rows, columns=["paper", "claim", "stated", "ours", "verdict"])
+    write_whole(
+        folder / table_name, table.to_csv(index=False, quoting=csv.QUOTE_ALL, lineterminator="\n")
+    )
     other_overview = overview_name(AS_FOUND if world == OWN else OWN)
     html = study_html(
         "overview.html",
@@ -218,9 +222,7 @@ def parts_of(paper: str, quick: bool) -> list[str] | list[None]:
     return [None] if parts is None else parts(quick)
 
 
-def study_part(
-    paper: str, folder: str, quick: bool, world: str, part: str | None
-) -> dict[str, Any]:
+def study_part(paper: str, folder: str, quick: bool, world: str, part: str | None) -> Entries:
     """Run a part of a study in a worker process; its results are then on disk."""
     if part is None:
         run_study(paper, Path(folder), quick, world=world)
@@ -249,13 +251,3 @@ def verdict_rows(folder: Path) -> list[VerdictRow]:
             claim = f"{finding.claim} ({details})" if details else finding.claim
             rows.append((claim, finding.paper, finding.ours, finding.verdict))
     return rows
-
-
-def verdicts_csv(verdicts: Mapping[str, Sequence[VerdictRow]]) -> str:
-    """Format the verdicts of all papers as CSV, every cell in quotes.
-
-    The columns are paper, claim, stated (the figure of the paper), ours and verdict.
-    """
-    rows = [(paper, *row) for paper, of_paper in verdicts.items() for row in of_paper]
-    table = pd.DataFrame(rows, columns=["paper", "claim", "stated", "ours", "verdict"])
-    return table.to_csv(index=False, quoting=csv.QUOTE_ALL, lineterminator="\n")

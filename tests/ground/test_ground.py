@@ -13,8 +13,8 @@ from flgpr.recipe.schema import parse_recipe
 from flgpr.simulate import draw_world
 from flgpr.simulate.simulator import warn_of_aliases
 from flgpr.store import open_run
-from flgpr_ground.fingerprints import packaged_fingerprints
 from flgpr_ground.ground import GROUNDS as PACKAGED
+from flgpr_ground.lanes import packaged_fingerprints
 
 GROUNDS = {quick: load_ground(quick, "proving-ground-1") for quick in (False, True)}
 SECOND = {quick: load_ground(quick) for quick in (False, True)}

@@ -14,6 +14,7 @@ from flgpr_ground.board import (
     PACKAGED,
     Board,
     Row,
+    leaderboard_html,
     packaged_board,
     ranked_rows,
     read_board,
@@ -21,7 +22,6 @@ from flgpr_ground.board import (
 from flgpr_ground.card import parse_card
 from flgpr_ground.figures import leaderboard_figure
 from flgpr_ground.ground import scores_at
-from flgpr_ground.leaderboard import leaderboard_html
 from reading import ROOT
 from submitted import CARD, write_ground
 

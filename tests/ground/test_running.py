@@ -25,8 +25,7 @@ from flgpr.simulate import draw_world
 from flgpr.store import read_manifest, read_table, sample_lane
 from flgpr.trials import open_truth
 from flgpr_ground import oracle
-from flgpr_ground.fingerprints import same_lanes
-from flgpr_ground.lanes import PRINTS, SEALED, passphrase
+from flgpr_ground.lanes import PRINTS, SEALED, passphrase, same_lanes
 from flgpr_ground.running import ALARMS
 from flgpr_ground.table import pd_in_words
 from grounds import SMALL, looks, write_runnable_ground
@@ -355,7 +354,7 @@ def test_folders_that_do_not_belong_together_are_refused(field, tmp_path):
 
 
 def test_fingerprints_tell_the_same_bits_from_alike_and_other_lanes(field, tmp_path, monkeypatch):
-    from flgpr_ground import fingerprints
+    from flgpr_ground import lanes
 
     ground = load_ground(False, field / "ground.toml")
     prints = pd.read_csv(field / "out" / "lanes" / PRINTS)
@@ -367,7 +366,7 @@ def test_fingerprints_tell_the_same_bits_from_alike_and_other_lanes(field, tmp_p
     packaged.loc[2, "sha256"] = "0" * 64
     packaged.loc[2, "VV"] *= 1.001
     packaged.drop(index=3).to_csv(tmp_path / "fingerprints.csv", index=False)
-    monkeypatch.setattr(fingerprints, "packaged_text", lambda name: (tmp_path / name).read_text())
+    monkeypatch.setattr(lanes, "packaged_text", lambda name: (tmp_path / name).read_text())
     told = same_lanes(ground, field / "out" / "lanes")
     assert list(told.values()) == [
         "same bits",

@@ -7,7 +7,7 @@ import pytest
 
 from flgpr.proving_ground import check_submission, load_ground
 from flgpr_ground import submission
-from flgpr_ground.fingerprints import packaged_fingerprints
+from flgpr_ground.lanes import packaged_fingerprints
 from submitted import CARD, prints_of, write_ground, write_submission
 
 

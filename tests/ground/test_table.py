@@ -6,8 +6,8 @@ import pandas as pd
 from flgpr.proving_ground import load_ground
 from flgpr.scoring import match, random_pd
 from flgpr_ground.citing import bibtex, latex_table
-from flgpr_ground.fingerprints import _compared
 from flgpr_ground.ground import opening_split
+from flgpr_ground.lanes import _compared
 from flgpr_ground.table import (
     _rows,
     best_sentence,

@@ -8,8 +8,7 @@ import pytest
 
 from flgpr.proving_ground import load_ground
 from flgpr.store import write_whole
-from flgpr_ground.fingerprints import same_lanes
-from flgpr_ground.lanes import PRINTS, fingerprint
+from flgpr_ground.lanes import PRINTS, fingerprint, same_lanes
 
 NAME = "proving-ground-1"
 FILES = {

@@ -57,10 +57,10 @@ def test_paired_differences_are_tighter_than_independent_ones():
     clutter = rng.normal(0, 1, 100)
     a = scores_of(mine, clutter)
     b = scores_of(mine + rng.normal(0, 0.1, 50), clutter)
-    measure = fi.Measure(area=200.0, far=0.07)
-    value, low, high = fi.difference(a, b, measure, 500)
+    measure = fi.Measure(area=200.0, far=0.07, draws=500)
+    value, low, high = measure.difference(a, b)
     assert low <= value <= high
-    alone = measure.interval(a, 500)
+    alone = measure.interval(a)
     assert high - low < 0.5 * (alone[2] - alone[1])
 
 

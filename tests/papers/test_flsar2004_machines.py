@@ -70,12 +70,12 @@ def test_training_anew_in_every_draw_holds_copies_out_together():
         known = {tuple(row): float(label) for row, label in zip(train, y, strict=True)}
         return (lambda new: np.array([known.get(tuple(row), 0.5) for row in new])), 1.0
 
-    np.testing.assert_allclose(ma.retrained(table, X, memory, 5, 4), 0.5)
+    np.testing.assert_allclose(ma.retrained(ma.Examples(table, X), memory, 5, 4), 0.5)
 
     def fisher(train, y):
         return LogisticRegression().fit(train, y).decision_function, 1.0
 
-    drawn = ma.retrained(table, X, fisher, 5, 30)
+    drawn = ma.retrained(ma.Examples(table, X), fisher, 5, 30)
     assert 0.7 < drawn.mean() < 1.0
     assert drawn.std() > 0.005
 

@@ -144,6 +144,7 @@ def test_held_out_scores_come_from_the_others(small):
         }
     )
     X = rng.normal(size=(50, 2)) + 2 * (table["kind"] == "metal").to_numpy()[:, None]
+    examples = ma.Examples(table, X)
     seen = []
 
     def classifier(train, y):
@@ -151,19 +152,19 @@ def test_held_out_scores_come_from_the_others(small):
         model = LogisticRegression().fit(train, y) if len(set(y)) > 1 else None
         return (lambda new: new.sum(axis=1)) if model is None else model.decision_function, 0.5
 
-    one = ma.held_out(table, X, classifier, 5)
+    one = ma.held_out(examples, classifier, 5)
     assert one.clutter.shape == (30, 1)
     assert all(len(train) < 50 for train, _ in seen)
     assert np.isfinite(one.mine).all()
-    novel = ma.held_out(table, X, classifier, 5, novelty=True)
+    novel = ma.held_out(examples, classifier, 5, novelty=True)
     assert novel.clutter.shape == (30, 5)  # every fold scores all clutter
     seen.clear()
-    alone = ma.leave_one_out(table, X, classifier, 5)
+    alone = ma.leave_one_out(examples, classifier, 5)
     assert len(alone.vector_share) == len(seen) == 50
     assert all(len(train) == 49 for train, _ in seen)
     # N_o · N_c outputs: every mine left out once, and all clutter scored each time (par. 52).
     seen.clear()
-    novel = ma.leave_one_out(table, X, classifier, 5, novelty=True)
+    novel = ma.leave_one_out(examples, classifier, 5, novelty=True)
     assert novel.clutter.shape == (30, 20)
     assert [int(y.sum()) for _, y in seen] == [19] * 20
 

@@ -4,11 +4,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from flgpr_papers.fuse2018.findings import STATEMENTS, clutter_findings
+from flgpr_papers.fuse2018.findings import STATEMENTS, clutter_findings, follow
 from flgpr_papers.fuse2018.lanes import (
     fuse_recipe,
 )
-from flgpr_papers.fuse2018.matches import follow
 from flgpr_papers.kit.intervals import clustered
 
 pytestmark = pytest.mark.slow("studies of papers")

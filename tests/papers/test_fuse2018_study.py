@@ -17,10 +17,13 @@ from flgpr_papers.fuse2018 import process
 from flgpr_papers.fuse2018 import study as fuse2018
 from flgpr_papers.fuse2018.findings import (
     all_findings,
+    frame_match,
     frame_spread,
+    lane_match,
     mine_changes,
     own_changes,
     power_db,
+    scored,
     strongest_boxes,
 )
 from flgpr_papers.fuse2018.lanes import (
@@ -32,9 +35,7 @@ from flgpr_papers.fuse2018.lanes import (
     masks_stage,
     trained,
 )
-from flgpr_papers.fuse2018.matches import frame_match, lane_match, scored
-from flgpr_papers.fuse2018.process import calibrate, process_lane
-from flgpr_papers.fuse2018.records import example_arrays
+from flgpr_papers.fuse2018.process import calibrate, example_arrays, process_lane
 from flgpr_papers.fuse2018.suppression import VARIANTS, clean, stage_forms, suppressed_alone
 from flgpr_papers.kit.findings import NO_VERDICT, OPEN, VERDICTS
 

@@ -24,13 +24,14 @@ from flgpr_papers.kit.findings import (
     read_findings,
     write_findings,
 )
-from flgpr_papers.kit.rescoring import Draw, Rescorer
 from flgpr_papers.kit.settings import packaged_text
 from flgpr_papers.wang2007 import lanes, study
 from flgpr_papers.wang2007.analysis import (
     MINES,
     SIMULANTS,
+    Draw,
     Pool,
+    Rescorer,
     matched,
     table_one,
 )

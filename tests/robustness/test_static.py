@@ -143,7 +143,6 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "flgpr_ground/board.py packaged_board": ({"read_bytes"}, OWN),
     "recipe/schema.py recipe_text": ({"read_text"}, OWN),
     "recipe/suggest.py evidence": ({"read_text", "tomllib.loads"}, OWN),
-    "flgpr_ground/template.py write_template": ({"read_text"}, OWN),
     "flgpr_ground/own.py _digest_of": (
         {"read_bytes"},
         "sources of a class that a user runs: Python has read them",

@@ -1,13 +1,13 @@
+from flgpr_ground.board import write_leaderboard as write_leaderboard
 from flgpr_ground.entering import enter_submissions as enter_submissions
 from flgpr_ground.entering import write_submissions as write_submissions
 from flgpr_ground.entries import find_entry as find_entry
 from flgpr_ground.entries import packaged_entries as packaged_entries
 from flgpr_ground.ground import Ground as Ground
+from flgpr_ground.ground import LaneData as LaneData
 from flgpr_ground.ground import load_ground as load_ground
-from flgpr_ground.lane_data import LaneData as LaneData
 from flgpr_ground.lanes import make_ground as make_ground
 from flgpr_ground.lanes import open_lane as open_lane
-from flgpr_ground.leaderboard import write_leaderboard as write_leaderboard
 from flgpr_ground.oracle import run_oracle as run_oracle
 from flgpr_ground.paired import compare_entries as compare_entries
 from flgpr_ground.running import run_benchmark as run_benchmark

@@ -11,6 +11,7 @@ from typer import Argument, Option
 from flgpr.commands.options import PathLike, Paths, Progress, Scheduler, output_option
 from flgpr.commands.runs import run_options
 from flgpr.commands.shell import Arguments, command
+from flgpr.types import Entries
 from flgpr_ground.commands.benchmark import Chosen, Quick, Tier, Workers
 
 if TYPE_CHECKING:
@@ -73,7 +74,7 @@ def _fault_lines(checked: list[Submission], _: Arguments) -> Iterator[str]:
         )
 
 
-def _fault_object(checked: list[Submission], _: Arguments) -> dict[str, Any]:
+def _fault_object(checked: list[Submission], _: Arguments) -> Entries:
     """Return one object of JSON with every submission."""
     objects = []
     for submission in checked:

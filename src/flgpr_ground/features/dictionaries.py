@@ -140,7 +140,7 @@ def word_histograms(descriptors: FloatArray, dictionary: FloatArray, divisions: 
         # Squared distances, less the descriptors' own squares, which are alike for all words.
         distance = (dictionary**2).sum(axis=1) - 2 * descriptors @ dictionary.T
     nearest = distance.argmin(axis=-1)
-    is_word = (nearest[..., None] == np.arange(len(dictionary))).astype(np.float64)
+    is_word = floats(nearest[..., None] == np.arange(len(dictionary)))
     shares = [block.mean(axis=-2) for block in split_grid(is_word, divisions)]
     return np.sqrt(np.stack(shares, axis=1))
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from flgpr.types import AnyArray, BoolArray, FloatArray, IntArray
+from flgpr.types import AnyArray, BoolArray, FloatArray, IntArray, floats
 
 _EPSILON = 1e-5  # of norms, so that a region without a gradient stays zero
 _CLIP = 0.2  # largest component of a unit vector before it is scaled again
@@ -47,7 +47,7 @@ def normalize_by_border(patches: AnyArray, known: BoolArray) -> FloatArray:
     border[v // 4 : v - v // 4, u // 4 : u - u // 4] = False
     known_border = np.broadcast_to(known & border, patches.shape)
     count = known_border.sum(axis=(-2, -1), keepdims=True)
-    values = np.where(known, patches, 0.0).astype(np.float64)
+    values = floats(np.where(known, patches, 0.0))
 
     def mean_of_border(of: FloatArray) -> FloatArray:
         """Return the means (..., 1, 1) of the known pixels of the border."""
@@ -204,7 +204,7 @@ def lbp_histograms(patches: FloatArray, divisions: int) -> FloatArray:
     """
     codes = local_binary_patterns(patches)
     is_code = codes[..., None] == np.arange(LBP_CODES)
-    shares = [block.mean(axis=-2) for block in split_grid(is_code.astype(np.float64), divisions)]
+    shares = [block.mean(axis=-2) for block in split_grid(floats(is_code), divisions)]
     return np.stack(shares, axis=-2).reshape(*patches.shape[:-2], -1)
 
 

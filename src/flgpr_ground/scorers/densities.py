@@ -63,7 +63,7 @@ class MixtureScorer(StoredScorer):
         elif mixture.covariance_type in ("diag", "spherical"):
             roots = roots.reshape(count, -1, 1) * np.eye(features)
         arrays = (estimator.center_, estimator.scale_, mixture.weights_, mixture.means_, roots)
-        centre, scale, share, mean, root = (np.array(array, dtype=np.float64) for array in arrays)
+        centre, scale, share, mean, root = map(floats, arrays)
         return cls(centre, scale, share, mean, root, float(estimator.offset_))
 
     @classmethod
@@ -116,7 +116,7 @@ class TailScorer(StoredScorer):
     @classmethod
     def of(cls, estimator: Any) -> Self:
         """Return the scorer of a fitted estimator of PyOD."""
-        return cls(np.array(estimator.X_train, dtype=np.float64), float(estimator.threshold_))
+        return cls(floats(estimator.X_train), float(estimator.threshold_))
 
     @classmethod
     def taken(cls, checked: Checked, features: int) -> Self:
@@ -176,9 +176,10 @@ class NeighbourScorer(StoredScorer):
         if not len(X):
             return np.zeros(0)
         samples_at_once = max(1, _DISTANCES_AT_ONCE // max(len(self.examples), 1))
-        scores = []
-        for begin in range(0, len(X), samples_at_once):
-            scores.append(self._score(X[begin : begin + samples_at_once]))
+        scores = [
+            self._score(X[begin : begin + samples_at_once])
+            for begin in range(0, len(X), samples_at_once)
+        ]
         return np.concatenate(scores)
 
     def _score(self, X: FloatArray) -> FloatArray:
@@ -186,9 +187,7 @@ class NeighbourScorer(StoredScorer):
         nearest = np.sort(self._distances(X), axis=1)[:, : self.neighbours]
         if self.method == "largest":
             return nearest[:, -1]
-        return np.asarray(
-            nearest.mean(axis=1) if self.method == "mean" else np.median(nearest, axis=1)
-        )
+        return nearest.mean(axis=1) if self.method == "mean" else np.median(nearest, axis=1)
 
     def _distances(self, X: FloatArray) -> FloatArray:
         """Return the distances (n_samples, n_examples)."""
@@ -199,7 +198,7 @@ class NeighbourScorer(StoredScorer):
                 total = np.maximum(total, difference)
             else:
                 total = total + difference**self.power
-        return total if self.power == 0 else np.asarray(total ** (1 / self.power))
+        return total if self.power == 0 else total ** (1 / self.power)
 
     @classmethod
     def of(cls, estimator: Any) -> Self:
@@ -209,7 +208,7 @@ class NeighbourScorer(StoredScorer):
         known = isinstance(metric, str) and metric in powers and not estimator.metric_params
         refuse_unless(known, f"metric must be one of {', '.join(powers)} for a detector", metric)
         return cls(
-            np.array(estimator.neigh_._fit_X, dtype=np.float64),
+            floats(estimator.neigh_._fit_X),
             int(estimator.n_neighbors),
             str(estimator.method),
             float(powers[metric]),

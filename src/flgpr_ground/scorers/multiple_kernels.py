@@ -9,7 +9,7 @@ import numpy as np
 
 from flgpr.detect.scorers.checks import Checked, StoredScorer, refuse_unless
 from flgpr.detect.scorers.kernel_machines import rbf_values, score_in_blocks
-from flgpr.types import FloatArray, IntArray
+from flgpr.types import FloatArray, IntArray, floats
 
 
 @dataclass(frozen=True)
@@ -42,11 +42,11 @@ class MultipleKernelScorer(StoredScorer):
         """Return the scorer of a fitted machine."""
         groups = estimator.groups_
         return cls(
-            np.array(estimator.support_vectors_, dtype=np.float64),
-            np.array(estimator.dual_coef_, dtype=np.float64),
+            floats(estimator.support_vectors_),
+            floats(estimator.dual_coef_),
             np.repeat(np.arange(len(groups)), groups).astype(np.int64),
-            np.array(estimator.kernel_weights_, dtype=np.float64),
-            np.array(estimator.gamma_, dtype=np.float64),
+            floats(estimator.kernel_weights_),
+            floats(estimator.gamma_),
             float(estimator.intercept_),
         )
 

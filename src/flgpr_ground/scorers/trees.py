@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
 
 from flgpr.detect.scorers.checks import Checked, StoredScorer, refuse_unless
-from flgpr.types import AnyArray, FloatArray, IntArray, floats
+from flgpr.types import AnyArray, Entries, FloatArray, IntArray, floats
 
 _LEAF = -1
 _COLUMNS = ("left", "right", "feature", "split")
@@ -58,7 +58,7 @@ class Trees:
         return total
 
     @classmethod
-    def joined(cls, trees: Sequence[Mapping[str, Any]]) -> Self:
+    def joined(cls, trees: Sequence[Entries]) -> Self:
         """Join trees, each with ``left``, ``right``, ``feature``, ``split`` and ``value``.
 
         The children of a tree count from its own first node.
@@ -127,7 +127,7 @@ def _check_paths(trees: Trees, features: int) -> None:
     raise ValueError(f"trees must be at most {_LARGEST_DEPTH} nodes deep, got one that is deeper")
 
 
-def _table_of(tree: Any) -> dict[str, Any]:
+def _table_of(tree: Any) -> Entries:
     """Return the nodes of one of scikit-learn's trees."""
     columns = (tree.children_left, tree.children_right, tree.feature, tree.threshold)
     return dict(zip(_COLUMNS, columns, strict=True))

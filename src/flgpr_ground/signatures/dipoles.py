@@ -29,7 +29,15 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.simulate.bodies.signature.body import Body
-from flgpr.types import AnyArray, ArrayLike, Complex128Array, ComplexArray, Float32Array, FloatArray
+from flgpr.types import (
+    AnyArray,
+    ArrayLike,
+    Complex128Array,
+    ComplexArray,
+    Float32Array,
+    FloatArray,
+    floats,
+)
 
 # Directions of all waves together that are weaker than this, relative to a single wave, are not
 # solved for.
@@ -96,7 +104,7 @@ def scattering_amplitudes(
         system = ClassSystem(scale, symbols, parity)
         total += _project(system, _wave_columns(lattice, scale, k, waves, parity))
     half = count // 2
-    return np.asarray(4 * k**2 * lattice.cell**3 * total).reshape(2, half, 2, half)
+    return (4 * k**2 * lattice.cell**3 * total).reshape(2, half, 2, half)
 
 
 def _dipole_scale(lattice: Lattice, soil: complex, k: complex) -> ComplexArray:
@@ -418,7 +426,7 @@ def solve_box(
         If the body is no box without metal, or a number is outside its range.
     """
     s, aspect, separation = (
-        np.atleast_1d(np.asarray(values, dtype=float)) for values in (sines, aspects, separations)
+        np.atleast_1d(floats(values)) for values in (sines, aspects, separations)
     )
     eps = complex(permittivity)
     for fits, rule, got in (

@@ -17,7 +17,7 @@ from flgpr.screen import select
 from flgpr.stages import FeatureStage, Positive, Setup, Table, TrainingView
 from flgpr.stages.clusters import subset
 from flgpr.stages.too_few import Tally, TooFewExamplesError, clear_change
-from flgpr.types import Arrays, FloatArray, floats
+from flgpr.types import Arrays, Entries, FloatArray, floats
 from flgpr_ground.stages.run_views import check_images, kinds_change
 
 _EDGE = 1e-9  # m; a pixel whose centre lies on a border lies within it
@@ -180,7 +180,7 @@ class Matched(FeatureStage):
         return {"amf": amf, "ace": ace}
 
     @classmethod
-    def fit(cls, settings: Any, examples: list[TrainingView]) -> tuple[Arrays, dict[str, Any]]:
+    def fit(cls, settings: Any, examples: list[TrainingView]) -> tuple[Arrays, Entries]:
         """Learn the mean of the mines' brightest pixels, and mean and covariance of the clutter."""
         bright_by_lane = []
         mines_by_lane = cls.targets_used_for_training(settings, examples)
@@ -233,7 +233,7 @@ def _around(view: xr.DataArray, centre: Any, half: tuple[float, float]) -> _Pixe
     columns = np.flatnonzero(np.abs(x) <= half[0] + _EDGE)
     rows = np.flatnonzero(np.abs(y) <= half[1] + _EDGE)
     channels = view.values.reshape(-1, *view.shape[-2:])
-    magnitude = channels[:, rows[:, None], columns].astype(np.float64)
+    magnitude = floats(channels[:, rows[:, None], columns])
     known = (magnitude > 0).all(axis=0)
     u, v = np.meshgrid(x[columns], y[rows])
     return _Pixels(20 * np.log10(magnitude[:, known].T), u[known], v[known])

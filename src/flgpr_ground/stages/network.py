@@ -16,7 +16,7 @@ from flgpr.model.bounds import AtLeastOne, NotNegative
 from flgpr.screen.views import grid_of
 from flgpr.stages import FeatureStage, Positive, Setup, Table, TrainingView
 from flgpr.stages.too_few import Tally, TooFewExamplesError, clear_change
-from flgpr.types import AnyArray, Arrays, Float32Array, FloatArray, floats
+from flgpr.types import Arrays, Entries, Float32Array, FloatArray, floats
 from flgpr_ground.stages.run_views import check_images, kinds_change, maxima_in_lane
 
 _STRIDES = (1, 2, 2)
@@ -94,7 +94,7 @@ class ChipNetwork(FeatureStage):
         return {"cnn": scores}
 
     @classmethod
-    def fit(cls, settings: Any, examples: list[TrainingView]) -> tuple[Arrays, dict[str, Any]]:
+    def fit(cls, settings: Any, examples: list[TrainingView]) -> tuple[Arrays, Entries]:
         """Train the networks."""
         rng = np.random.default_rng(settings.seed)
         cut = [_examples(lane, settings, rng) for lane in examples]
@@ -117,7 +117,7 @@ class ChipNetwork(FeatureStage):
         return learnt, {"chips_of_mines": len(mines), "chips_of_clutter": len(clutter)}
 
 
-def weights_of(learnt: Mapping[str, AnyArray]) -> list[Arrays]:
+def weights_of(learnt: Arrays) -> list[Arrays]:
     """Return the weights of every network that was learnt, by name."""
     by_number: dict[int, Arrays] = {}
     for key in learnt:
@@ -127,7 +127,7 @@ def weights_of(learnt: Mapping[str, AnyArray]) -> list[Arrays]:
     return [by_number[number] for number in sorted(by_number)]
 
 
-def run_network(x: Chips, weights: Mapping[str, AnyArray]) -> FloatArray:
+def run_network(x: Chips, weights: Arrays) -> FloatArray:
     """Run a network.
 
     Parameters
@@ -211,9 +211,9 @@ def train_network(mines: Chips, clutter: Chips, settings: NetworkSettings, seed:
     return {name: weight.detach().numpy() for name, weight in weights.items()}
 
 
-def _first_weights(torch: Any, sizes: tuple[int, ...], generator: Any) -> dict[str, Any]:
+def _first_weights(torch: Any, sizes: tuple[int, ...], generator: Any) -> Entries:
     """Draw the weights that a network of layers of these channels begins with."""
-    weights: dict[str, Any] = {}
+    weights: Entries = {}
     for layer, (inputs, outputs) in enumerate(pairwise(sizes)):
         # Variance 2 / inputs of a unit, so that signals keep their power from layer to layer.
         scale = (2 / (9 * inputs)) ** 0.5
@@ -232,7 +232,7 @@ def _examples(
     """Cut the chips of a lane's mines, moved about a little, and of its clutter."""
     level = np.log(np.maximum(lane.view.values, _FLOOR)).mean(axis=(0, 1))
     maxima = maxima_in_lane(lane, level, settings.radius)
-    targets = lane.truth[["x", "y"]].to_numpy(dtype=float)
+    targets = floats(lane.truth[["x", "y"]])
     mines = targets[lane.truth["kind"].isin(settings.kinds).to_numpy()]
 
     at_mines = maxima[_distance_to_nearest(maxima, mines) <= settings.reach]

@@ -22,7 +22,7 @@ from flgpr.screen import select
 from flgpr.screen.views import grid_of
 from flgpr.stages import FeatureStage, Positive, Setup, Table, TrainingView
 from flgpr.stages.too_few import Change, Tally, TooFewExamplesError
-from flgpr.types import Arrays, FloatArray
+from flgpr.types import Arrays, Entries, FloatArray, floats
 from flgpr_ground.features.dictionaries import (
     Mixture,
     Whitening,
@@ -126,8 +126,8 @@ class _Channels(NamedTuple):
         polarizations = list(settings.polarizations) or labels
         values = np.stack([select(view, label, subband).values for label in polarizations])
         known = np.isfinite(values)
-        magnitudes = np.where(known, values, 0.0).astype(np.float64)
-        return cls(polarizations, magnitudes, known.astype(np.float64), grid_of(view))
+        magnitudes = floats(np.where(known, values, 0.0))
+        return cls(polarizations, magnitudes, floats(known), grid_of(view))
 
     def patches(self, points: FloatArray, size: tuple[float, float]) -> FloatArray:
         """Cut normalised patches (point, polarization, v, u) about points (point, 2)."""
@@ -240,7 +240,7 @@ class _LearntPatterns(PatchStage):
     size_entry: ClassVar[str] = ""  #: entry of the recipe that is the dictionary's size
 
     @classmethod
-    def fit(cls, settings: Any, examples: list[TrainingView]) -> tuple[Arrays, dict[str, Any]]:
+    def fit(cls, settings: Any, examples: list[TrainingView]) -> tuple[Arrays, Entries]:
         """Learn principal directions and a dictionary from patches of the training lanes.
 
         Labels are not looked at.
@@ -377,9 +377,10 @@ class FisherVectors(_LearntPatterns):
         """Return the vectors of all pools."""
         local = self._local(patches, spacing)
         mixture = Mixture(*(self.learnt[name] for name in _MIXTURE))
-        pools = []
-        for pool in split_grid(local, self.settings.parts):
-            pools.append(improved_fisher_vectors(fisher_vectors(pool, mixture)))
+        pools = [
+            improved_fisher_vectors(fisher_vectors(pool, mixture))
+            for pool in split_grid(local, self.settings.parts)
+        ]
         return np.concatenate(pools, axis=1)
 
 

@@ -28,7 +28,7 @@ from flgpr.stages.forms import (
     target_cuts,
 )
 from flgpr.stages.too_few import Change, Tally, TooFewExamplesError, clear_change
-from flgpr.types import AnyArray, Arrays, Float32Array, FloatArray
+from flgpr.types import AnyArray, Arrays, Entries, Float32Array, FloatArray
 
 
 class ComponentSettings(SampleSettings):
@@ -96,7 +96,7 @@ class ComponentMap(FormMap):
         return append_accumulator(pieces, add)
 
     @classmethod
-    def fit(cls, settings: Any, examples: list[Any]) -> tuple[Arrays, dict[str, Any]]:
+    def fit(cls, settings: Any, examples: list[Any]) -> tuple[Arrays, Entries]:
         """Learn, for each interval, what whitens its clutter, and the components of the mines."""
         forms = []
         on_clutter = []

@@ -6,14 +6,13 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 import pandas as pd
 import xarray as xr
 
 from flgpr.screen import local_maxima
 from flgpr.stages import TrainingView
 from flgpr.stages.too_few import Change
-from flgpr.types import FloatArray
+from flgpr.types import FloatArray, floats
 
 
 def maxima_in_lane(lane: TrainingView, level: FloatArray, radius: float) -> FloatArray:
@@ -22,7 +21,7 @@ def maxima_in_lane(lane: TrainingView, level: FloatArray, radius: float) -> Floa
     They are at least ``radius`` apart, m.
     """
     table = local_maxima(lane.view[0, 0].copy(data=level), radius)
-    places = table[["x", "y"]].to_numpy(dtype=np.float64)
+    places = floats(table[["x", "y"]])
     return places[lane.lane.contains(places[:, 0], places[:, 1])]
 
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import product
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.clutter import ClutterWhitener
 from flgpr.detect import (
@@ -22,8 +20,10 @@ from flgpr.detect import (
 )
 from flgpr.features import range_cuts, stack_channels
 from flgpr.kernels.moments import LEAST_OGK, sample_moments
+from flgpr.model import Lane
 from flgpr.scoring import offset_boxes
 from flgpr.stages.forms import samples_at
+from flgpr.types import AnyArray, Complex128Array, ComplexArray, Float32Array, FloatArray
 from flgpr_papers.cosgrove2004.images import Look, lane_looks, lane_seed
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
 
@@ -110,24 +110,20 @@ def _deflection(recipe: StudyRecipe, looks: Sequence[Look], name: str) -> dict[s
     return score_looks(recipe, [look for look in looks if not look.trains], {name: made})
 
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-
-
 @dataclass(frozen=True)
 class Training:
     """What a lane's training looks teach."""
 
     whitener: ClutterWhitener  #: mean and covariance of the clutter
     #: (n_samples, n_features) whitened target cuts, taken where the mines are brightest
-    white: ComplexArray
+    white: Complex128Array
     #: (n_samples, n_features) whitened target cuts, taken where survey and refraction place the
     #: mines
-    surveyed: ComplexArray
-    pixels: ComplexArray  #: (n_pixels, n_polarizations) clutter pixels
+    surveyed: Complex128Array
+    pixels: Complex128Array  #: (n_pixels, n_polarizations) clutter pixels
     unshrunk: ClutterWhitener  #: whitener with sample moments
     clutter_energy: float  #: mean energy of the whitened clutter samples
-    clutter: NDArray[Any]  #: (n_samples, n_features) clutter cuts as imaged
+    clutter: AnyArray  #: (n_samples, n_features) clutter cuts as imaged
 
 
 @dataclass
@@ -153,33 +149,27 @@ def learn(recipe: StudyRecipe, looks: Sequence[Look]) -> Training:
         The training looks of a lane.
     """
     shape = (recipe.cut.length, 1)
-    target_cuts = []
-    clutter_cuts = []
-    clutter_pixels = []
+    samples = [samples_at(look.image, look.position[None], recipe.cuts) for look in looks]
     surveyed_cuts = []
     for look in looks:
-        samples = samples_at(look.image, look.position[None], recipe.cuts)
-        target_cuts.append(samples.target)
-        clutter_cuts.append(samples.clutter)
-        clutter_pixels.append(samples.pixel)
         surveyed = (look.position + [0.0, look.shift])[None]
         surveyed_cuts.append(range_cuts(look.image, surveyed, shape, recipe.cut.polarizations))
-    clutter = np.concatenate(clutter_cuts)
+    clutter = np.concatenate([of_look.clutter for of_look in samples])
     whitener = ClutterWhitener(recipe.training.moments).fit(clutter)
     unshrunk = ClutterWhitener("sample").fit(clutter)
     energy = np.sum(np.abs(whitener.transform(clutter)) ** 2, axis=1)
     return Training(
         whitener=whitener,
-        white=whitener.transform(np.concatenate(target_cuts)),
+        white=whitener.transform(np.concatenate([of_look.target for of_look in samples])),
         surveyed=whitener.transform(np.concatenate(surveyed_cuts)),
-        pixels=np.concatenate(clutter_pixels).astype(np.complex128),
+        pixels=np.concatenate([of_look.pixel for of_look in samples]).astype(np.complex128),
         unshrunk=unshrunk,
         clutter_energy=float(np.mean(energy)),
         clutter=clutter,
     )
 
 
-def target_cut(recipe: StudyRecipe, look: Look) -> NDArray[np.complex64]:
+def target_cut(recipe: StudyRecipe, look: Look) -> ComplexArray:
     """Return the range cut (1, n_features) through a mine where it appears."""
     shape = (recipe.cut.length, 1)
     names = recipe.cut.polarizations
@@ -217,8 +207,8 @@ def chip_detector(
 def detectors(
     recipe: StudyRecipe,
     training: Training,
-    signatures: ComplexArray | None = None,
-    sand_cuts: ComplexArray | None = None,
+    signatures: Complex128Array | None = None,
+    sand_cuts: Complex128Array | None = None,
 ) -> dict[str, ChipDetector]:
     """Return every detector of the study for one lane, by name.
 
@@ -254,7 +244,7 @@ def detectors(
         chip_detectors["trained on simulation"] = chip_detector(recipe, [form], whitener, length)
     # The target cuts, whitened by sample moments instead.
     back = np.linalg.solve(whitener.matrix_, training.white.T).T + whitener.mean_
-    rewhitened = np.asarray(training.unshrunk.transform(back))
+    rewhitened = training.unshrunk.transform(back)
     unshrunk = DeflectionDetector(rank, recipe.detector.ddof).fit(rewhitened)
     chip_detectors["unshrunk clutter"] = chip_detector(
         recipe, unshrunk.forms_, training.unshrunk, length, detector=repr(unshrunk)
@@ -267,7 +257,7 @@ def detectors(
 
 
 def _cut_detectors(
-    recipe: StudyRecipe, training: Training, sand_cuts: ComplexArray | None
+    recipe: StudyRecipe, training: Training, sand_cuts: Complex128Array | None
 ) -> dict[str, DeflectionDetector | NeymanPearsonDetector]:
     """Return the detectors of whitened cuts: the ranks of the study, and what is tried beside."""
     white = training.white
@@ -288,7 +278,7 @@ def _cut_detectors(
     return trained
 
 
-def calibrated(training: Training, signatures: ComplexArray) -> ComplexArray:
+def calibrated(training: Training, signatures: Complex128Array) -> Complex128Array:
     """Whiten simulated signatures and scale them to the examples' mean energy over the clutter.
 
     Parameters
@@ -301,7 +291,7 @@ def calibrated(training: Training, signatures: ComplexArray) -> ComplexArray:
     white = signatures @ training.whitener.matrix_.T
     energy = float(np.mean(np.sum(np.abs(training.white) ** 2, axis=1))) - training.clutter_energy
     white *= np.sqrt(max(energy, 1.0) / np.mean(np.sum(np.abs(white) ** 2, axis=1)))
-    return np.asarray(white)
+    return white
 
 
 def score_looks(
@@ -321,12 +311,8 @@ def score_looks(
     peaks = {name: Peaks() for name in chip_detectors}
     score = recipe.score
     half_step = recipe.radar.stop_spacing / 2
-    area = {
-        "x_min": recipe.image.x[0],
-        "x_max": recipe.image.x[1],
-        "y_min": recipe.radar.range - half_step,
-        "y_max": recipe.radar.range + half_step,
-    }
+    ahead = recipe.radar.range
+    area = Lane(*recipe.image.x, ahead - half_step, ahead + half_step)
     for look in looks:
         stack, _ = stack_channels(look.image, recipe.cut.polarizations)
         x = look.image["x"].values
@@ -342,19 +328,16 @@ def score_looks(
                 (mine_box, scores.target, scores.target_quantile),
                 (clutter_boxes, scores.clutter, scores.clutter_quantile),
             ):
-                for values, kept in zip(
-                    box_values(value, x, y, boxes, score.box, score.quantile),
-                    (peak, high),
-                    strict=True,
-                ):
-                    kept += values.tolist()
+                values = box_values(value, x, y, boxes, score.box, score.quantile)
+                peak += values[0].tolist()
+                high += values[1].tolist()
             scores.depth.append(look.depth)
             scores.rock += has_rock.tolist()
     return peaks
 
 
 def box_values(
-    image: NDArray[np.float32],
+    image: Float32Array,
     x: FloatArray,
     y: FloatArray,
     centre: FloatArray,
@@ -393,7 +376,7 @@ def box_values(
     return peak, high
 
 
-def _quantile(values: NDArray[np.float32], share: float) -> float:
+def _quantile(values: Float32Array, share: float) -> float:
     """Return a quantile by linear interpolation; for small arrays much quicker than NumPy's."""
     below, fraction = divmod(share * (values.size - 1), 1)
     k = int(below)
@@ -403,7 +386,7 @@ def _quantile(values: NDArray[np.float32], share: float) -> float:
 
 
 def eigenvalue_ratios(
-    recipe: StudyRecipe, training: Training, cuts: ComplexArray | None = None
+    recipe: StudyRecipe, training: Training, cuts: Complex128Array | None = None
 ) -> FloatArray:
     """Return the largest six eigenvalues of Â over the first (Cosgrove et al. 2004, Sec. IV-A).
 
@@ -425,10 +408,10 @@ def eigenvalue_ratios(
     detector = DeflectionDetector(ddof=recipe.detector.ddof).fit(examples)
     sigma = detector.eigenvalues_.copy()
     sigma[sigma.size - int(detector.n_unseen_) :] = np.nan
-    return np.asarray(sigma[:6] / sigma[0])
+    return sigma[:6] / sigma[0]
 
 
-def eigenvectors(recipe: StudyRecipe, training: Training) -> ComplexArray:
+def eigenvectors(recipe: StudyRecipe, training: Training) -> Complex128Array:
     """Return the first six eigenvectors (6, n_features) of Â, whitening undone, of norm one.
 
     See Cosgrove et al. 2004, Fig. 6.
@@ -436,4 +419,4 @@ def eigenvectors(recipe: StudyRecipe, training: Training) -> ComplexArray:
     detector = DeflectionDetector(6, recipe.detector.ddof).fit(training.white)
     vectors = detector.forms_[0].vectors
     rows = np.linalg.solve(training.whitener.matrix_, vectors.T).T
-    return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))
+    return rows / np.linalg.norm(rows, axis=1, keepdims=True)

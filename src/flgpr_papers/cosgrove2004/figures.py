@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from flgpr.scoring import pd_at
+from flgpr.types import Entries, floats
 from flgpr_papers.cosgrove2004.findings import Case, case_curve, example_means, found_looks
 from flgpr_papers.cosgrove2004.images import (
     WIDE_MINES,
@@ -23,11 +22,10 @@ from flgpr_papers.cosgrove2004.images import (
     study_sensor,
 )
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
-from flgpr_papers.kit.figures import Figures, colour_bar, decibels, show
+from flgpr_papers.kit.figures import Figures, Panels, colour_bar, decibels, show
 
 _figure = Figures("cosgrove2004")
 _STYLE = {"HH": ("#c1440e", "--"), "VV": ("#1b5e9b", "-")}
-Panels = NDArray[Any]
 _ZOOMED = 0.9  # Pd; a panel whose curves all lie above it is enlarged
 _CURVES = {"deflection": "#1b1b1b", "PWF": "#1b5e9b", "HH": "#c1440e"}
 
@@ -43,7 +41,7 @@ class Measured:
     image: xr.DataArray  #: of three mines in dry sand, first seed
 
 
-def _columns(measured: Measured, _: str) -> dict[str, Any]:
+def _columns(measured: Measured, _: str) -> Entries:
     """Return a column of panels for every soil."""
     return {"columns": len(measured.recipe.soils)}
 
@@ -80,9 +78,9 @@ def sample_image(axes: Axes, measured: Measured) -> None:
     image = measured.image
     x = image["x"].values
     y = image["y"].values
-    magnitude = np.abs(image.sel(polarization="HH").values).astype(np.float64)
+    magnitude = floats(np.abs(image.sel(polarization="HH").values))
     level = decibels(magnitude / np.median(magnitude, axis=1, keepdims=True))
-    shown = show(axes, level.T, (y[0], y[-1], x[0], x[-1]), 0, 25, cmap="gray")
+    shown = show(axes, level.T, y, x, 0, 25, cmap="gray")
     colour_bar(axes, shown, "dB over the median of the range", shrink=0.8)
     for number, (px, py) in enumerate(WIDE_MINES, start=1):
         axes.add_patch(Rectangle((py - 0.5, px - 0.5), 1, 1, fill=False, color="#ffb347", lw=1))
@@ -122,12 +120,11 @@ def feature_vector(panels: Panels, measured: Measured) -> None:
     low, column = row + length - length // 2, column + 30
     x = stretch["x"].values
     down = stretch["y"].values
-    extent = (x[0], x[-1], down[0], down[-1])
     height = down[low + length - 1] - down[low]
     cuts = []
     for axes, name in zip(pair, ("HH", "VV"), strict=True):
         stack = stretch.sel(polarization=name).values
-        shown = show(axes, stack, extent, 0, float(stretch.max()), cmap="gray", aspect="auto")
+        shown = show(axes, stack, x, down, 0, float(stretch.max()), cmap="gray", aspect="auto")
         axes.set_xlim(x[column] - 0.8, x[column] + 0.8)
         corner = x[column] - 0.03, down[low]
         axes.add_patch(Rectangle(corner, 0.06, height, fill=False, color="#ffb347"))
@@ -197,9 +194,10 @@ def point_figure(panels: Panels, measured: Measured) -> None:
     """Draw the response to a point with and without the ramp."""
     responses = measured.responses
     for (name, response), style in zip(responses.items(), ("-", "--"), strict=True):
-        lines = (response.down, response.down_level), (response.cross, response.cross_level)
-        for axes, (offset, level), width in zip(panels, lines, response.resolution, strict=True):
-            axes.plot(offset, decibels(level), style, label=f"{name}: {100 * width:.1f} cm")
+        levels = response.down, response.cross
+        for axes, level, width in zip(panels, levels, response.resolution, strict=True):
+            label = f"{name}: {100 * width:.1f} cm"
+            axes.plot(response.offset, decibels(level), style, label=label)
     for axes in panels:
         axes.axhline(-3.01, color="#999", lw=0.8)
 
@@ -246,7 +244,7 @@ def _stacked(axes: Axes, recipe: StudyRecipe) -> None:
     """Label the polarizations of a feature vector and separate them."""
     length = recipe.cut.length
     axes.axvline(length - 0.5, color="#999", lw=0.8)
-    style: dict[str, Any] = {"ha": "center", "va": "bottom", "color": "#666", "fontsize": 8}
+    style: Entries = {"ha": "center", "va": "bottom", "color": "#666", "fontsize": 8}
     for k, name in enumerate(recipe.cut.polarizations):
         axes.text((k + 0.5) * length, 1.01, name, transform=axes.get_xaxis_transform(), **style)
     axes.set(xlim=(0, length * len(recipe.cut.polarizations) - 1))

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.scoring import operating_row, pd_at, peak_roc
 from flgpr.scoring.curve import held_pd_mean
+from flgpr.types import ArrayLike, Entries, FloatArray, floats
 from flgpr_papers.cosgrove2004.detect import FORMS, alone, example_name
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
-from flgpr_papers.kit.findings import UNDECIDED, WORTH, Finding, in_words, shows
+from flgpr_papers.kit.findings import UNDECIDED, WORTH, Finding, Statements, in_words, shows
 from flgpr_papers.kit.intervals import (
     SHARE,
     SHARE_DIFFERENCE,
@@ -29,10 +29,8 @@ from flgpr_papers.kit.intervals import (
     students,
     together,
 )
-from flgpr_papers.kit.statements import Statements
 
-FloatArray = NDArray[np.float64]
-Case = dict[str, Any]
+Case = Entries
 """What was measured on a lane, as JSON can hold it."""
 PAPER_RATIOS = (1, 0.089, 0.075, 0.028, 0.019, 0.014)  # eigenvalues over the first (IV-A)
 PAPER_PD = 0.9  # at 0.01 false alarms per m²
@@ -84,7 +82,7 @@ def found_looks(
         curve = case_curve(case, detector, recipe.score.box, quantile)
         threshold = curve["threshold"].iloc[int(operating_row(curve, recipe.score.pfa))]
         found.append(np.asarray(case["peaks"][detector]["target" + suffix]) >= threshold)
-    return np.array(found, dtype=np.float64)
+    return floats(found)
 
 
 class Looks:
@@ -131,7 +129,7 @@ class Looks:
 
     def seeds(self, site: str, detector: str) -> FloatArray:
         """Return the Pd of every seed."""
-        return np.asarray(self.found[site, detector].mean(axis=1))
+        return self.found[site, detector].mean(axis=1)
 
 
 def pd_table(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> pd.DataFrame:
@@ -233,7 +231,7 @@ def _judge(
     A seed has as many mines, training and test as the paper.
     """
     finding = _STATEMENTS.number(statement, interval, **{**_words(recipe), **fields})
-    values = np.asarray(by_seed, dtype=np.float64)
+    values = floats(by_seed)
     values = values[~np.isnan(values)]
     rule = finding.rule
     if rule is None or not values.size:
@@ -241,7 +239,7 @@ def _judge(
     return replace(finding, shown=(sum(shows(value, rule) for value in values), values.size))
 
 
-def _words(recipe: StudyRecipe) -> dict[str, Any]:
+def _words(recipe: StudyRecipe) -> Entries:
     """Return what stands for fields of many statements."""
     return {"pd": f"Pd at {recipe.score.pfa:g} per m²", "rank": recipe.detector.rank}
 
@@ -264,7 +262,7 @@ def _detector_statements(recipe: StudyRecipe, looks: Looks) -> list[Finding]:
         if (soil, FORMS[1]) in looks.found:
             statements.append(against("few-examples", soil, ours, FORMS[1]))
     best = max(titles, key=lambda soil: looks.pd(soil, ours)[0])
-    papers: dict[str, Any] = {"stated": PAPER_PD, "looks": PAPER_LOOKS, "soil": titles[best]}
+    papers: Entries = {"stated": PAPER_PD, "looks": PAPER_LOOKS, "soil": titles[best]}
     # The paper's Pd is a share of its own number of looks.
     figure = proportion(PAPER_PD * PAPER_LOOKS, PAPER_LOOKS)
     pds = looks.pd(best, ours), looks.seeds(best, ours)
@@ -360,7 +358,7 @@ def _eigenvalue_statements(recipe: StudyRecipe, cases: Sequence[Case]) -> list[F
     """
     statements = []
     for number, paper, ratio in eigenvalue_ratios_of(cases):
-        by_seed = np.array([case["ratios"][number - 1] for case in cases], dtype=np.float64)
+        by_seed = floats([case["ratios"][number - 1] for case in cases])
         words = {"rule": (0.5 * paper, 2 * paper), "ratio": paper, "number": number}
         statements.append(_judge(recipe, "eigenvalue", ratio, by_seed, **words))
     return statements
@@ -368,7 +366,7 @@ def _eigenvalue_statements(recipe: StudyRecipe, cases: Sequence[Case]) -> list[F
 
 def eigenvalue_ratios_of(cases: Sequence[Case]) -> list[tuple[int, float, Interval]]:
     """Return the number of every eigenvalue but the first, the paper's ratio to it and ours."""
-    ratios = np.array([case["ratios"] for case in cases], dtype=np.float64)
+    ratios = floats([case["ratios"] for case in cases])
     pairs = list(zip(PAPER_RATIOS, ratios.T, strict=False))
     return [
         (number, paper, students(ours, bounds=SHARE))
@@ -420,10 +418,10 @@ def _premise_statements(recipe: StudyRecipe, sand: Sequence[Case]) -> list[Findi
 
     def of_looks(name: str, looks: Sequence[Any], **fields: Any) -> Finding:
         """Judge by the share of looks for which something holds."""
-        table = np.array(looks, dtype=np.float64)
+        table = floats(looks)
         return _judge(recipe, name, share_of_looks(table), table.mean(axis=1), **fields)
 
-    words: dict[str, Any]
+    words: Entries
     statements = []
     for name in recipe.cut.polarizations:
         # The signatures are the same for every seed: their mines are the sample.

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.clutter import scan_gain, self_signature
 from flgpr.imaging import ImagingOperator, ScanImager
@@ -28,11 +27,12 @@ from flgpr.scoring import refraction_shift
 from flgpr.simulate import ALONE, BARE, Scene, Simulator
 from flgpr.simulate.scene.scene import Target
 from flgpr.simulate.simulator import system_response
+from flgpr.types import BoolArray, ComplexArray, Entries, FloatArray, floats
 from flgpr_papers.cosgrove2004.recipe import Site, StudyRecipe
 from flgpr_papers.kit.scenes import changed, turned
+from flgpr_papers.kit.settings import Span
 
-FloatArray = NDArray[np.float64]
-Bands = Mapping[str, tuple[float, float]]
+Bands = Mapping[str, Span]
 """Bands, Hz, by name."""
 BAND = "band"
 SURROUNDINGS = ("roadside", "open")
@@ -90,7 +90,7 @@ def tone_weight(recipe: StudyRecipe, sensor: Sensor) -> FloatArray:
     weight = ramp(frequency) if recipe.image.filter == "ramp" else np.ones(frequency.size)
     if recipe.image.calibrate:
         weight = weight / system_response(sensor, frequency)
-    return np.asarray(weight / weight.max())
+    return weight / weight.max()
 
 
 def lane_looks(
@@ -162,7 +162,7 @@ def lane_seed(recipe: StudyRecipe, name: str, seed: int) -> int:
 
 def lane_scene(
     recipe: StudyRecipe, site: Site, seed: int, share: float
-) -> tuple[Scene, NDArray[np.bool_], FloatArray]:
+) -> tuple[Scene, BoolArray, FloatArray]:
     """Lay mines of all depths in random order, one before each stop.
 
     Returns the scene, whether each mine trains, and its depth (m), in the order of the stops.
@@ -192,7 +192,7 @@ def lane_scene(
     return scene, trains[order], depths
 
 
-def _mine(site: Site, slot: float, depth: float, rng: np.random.Generator) -> dict[str, Any]:
+def _mine(site: Site, slot: float, depth: float, rng: np.random.Generator) -> Entries:
     """Lay a mine near its slot, leaning a little, at about its depth."""
     lean, roll = rng.normal(0, np.radians(4), 2)
     return site.mine(
@@ -226,12 +226,11 @@ def _direction(
         roadside = turned(roadside, seed - 1)
     simulator = Simulator(ground, sensor, seed)
     signal = np.stack(list(simulator.scans()))
-    views = {"open": (recipe, signal)}
+    views = {}
     if bands is None:
         beside = np.stack(list(Simulator(roadside, sensor, seed, errors=False).scans()))
-        views = {"roadside": (recipe, signal + beside), **views}
+        views = {"roadside": (recipe, signal + beside), "open": (recipe, signal)}
     else:
-        views = {}
         for name, band in bands.items():
             image = recipe.image.model_copy(update={"band": band})
             views[name] = recipe.model_copy(update={"image": image}), signal
@@ -250,7 +249,7 @@ def from_other_end(scene: Scene, seed: int) -> Scene:
 def stop_looks(
     recipe: StudyRecipe,
     simulator: Simulator,
-    signal: Iterable[NDArray[np.complex64]],
+    signal: Iterable[ComplexArray],
     signature: str,
     mines: Iterable[tuple[float, bool]],
     targets: Sequence[Target] | None = None,
@@ -263,7 +262,8 @@ def stop_looks(
     data = np.stack(list(signal))
     run = _run_of(simulator, data, simulator.time)
     images = run_images(recipe, run, simulator.sensor, signature)
-    rocks = _rocks(simulator)
+    rocks = [(one.x, one.y, 0.0) for one in simulator.world.objects if one.kind == "rock"]
+    rock_places = np.array(rocks).reshape(-1, 3)
     middle = np.array([np.mean(recipe.image.band)])
     permittivity = float(simulator.scene.soil.media(middle)[-1][0].real)
     placed = simulator.scene.targets if targets is None else targets
@@ -272,13 +272,13 @@ def stop_looks(
         pose = np.asarray(image.attrs["pose"])
         position = lane_to_scan(np.array([mine.x, mine.y, 0.0]), pose)[:2]
         shift = float(refraction_shift(mine.depth, permittivity, pose[2], recipe.radar.range))
-        rock_positions = lane_to_scan(rocks, pose)[:, :2]
+        rock_positions = lane_to_scan(rock_places, pose)[:, :2]
         look = Look(image, position, float(depth), bool(trains), shift, rock_positions)
         looks.append(look)
     return looks
 
 
-def _run_of(simulator: Simulator, data: NDArray[np.complex64], *time: Any) -> xr.Dataset:
+def _run_of(simulator: Simulator, data: ComplexArray, *time: Any) -> xr.Dataset:
     """Return the run of a simulated lane with other data."""
     tx, rx = simulator.sensor.pairs()
     names = list(simulator.sensor.polarization)
@@ -289,12 +289,6 @@ def _imager(recipe: StudyRecipe, run: xr.Dataset, sensor: Sensor, grid: Grid) ->
     """Return what images the scans of a run in the study's band."""
     band = {BAND: recipe.image.band}
     return ScanImager(run, grid, band, window=tone_weight(recipe, sensor))
-
-
-def _rocks(simulator: Simulator) -> FloatArray:
-    """Return the positions (rock, 3) of the rocks on a lane, m."""
-    rocks = [(one.x, one.y, 0.0) for one in simulator.world.objects if one.kind == "rock"]
-    return np.array(rocks).reshape(-1, 3)
 
 
 def run_images(
@@ -338,15 +332,14 @@ def run_images(
 class PointResponse:
     """Image of a point on the ground at the study's range."""
 
-    down: FloatArray  #: (n,) distance from the point down-track, m
-    cross: FloatArray  #: (n,) distance from the point cross-track, m
-    down_level: FloatArray  #: (n,) magnitude down-track over the peak
-    cross_level: FloatArray  #: (n,) magnitude cross-track over the peak
+    offset: FloatArray  #: (n,) distance from the point, m
+    down: FloatArray  #: (n,) magnitude down-track over the peak
+    cross: FloatArray  #: (n,) magnitude cross-track over the peak
 
     @property
-    def resolution(self) -> tuple[float, float]:
+    def resolution(self) -> Span:
         """Width between the half-power points down-track and cross-track, m."""
-        return half_power(self.down, self.down_level), half_power(self.cross, self.cross_level)
+        return half_power(self.offset, self.down), half_power(self.offset, self.cross)
 
 
 def point_response(recipe: StudyRecipe, filtered: bool) -> PointResponse:
@@ -371,11 +364,11 @@ def point_response(recipe: StudyRecipe, filtered: bool) -> PointResponse:
     lines[1, :, 0] += offset
     window = ramp(frequency) if filtered else None
     operator = ImagingOperator(frequency, tx, rx, lines, window=window)
-    down, cross = np.abs(operator.adjoint(data)[0, 0]).astype(np.float64)
-    return PointResponse(offset, offset, down / down.max(), cross / cross.max())
+    down, cross = floats(np.abs(operator.adjoint(data)[0, 0]))
+    return PointResponse(offset, down / down.max(), cross / cross.max())
 
 
-def signature_cuts(recipe: StudyRecipe) -> tuple[FloatArray, NDArray[np.complex64]]:
+def signature_cuts(recipe: StudyRecipe) -> tuple[FloatArray, ComplexArray]:
     """Return the range cut through a mine in dry sand without clutter and errors (Fig. 3).
 
     Parameters

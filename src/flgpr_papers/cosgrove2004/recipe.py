@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from flgpr.model import Grid
+from flgpr.model.bounds import AtLeastOne, NotNegative, Positive
 from flgpr.stages.forms import CutSettings
-from flgpr_papers.kit.settings import Table, packaged
+from flgpr.types import BoolArray, Entries, FloatArray
+from flgpr_papers.kit.settings import Span, Table, packaged
 from flgpr_papers.kit.study_worlds import OWN, study_world
 
 SOILS = ("sand", "gravel", "clay")
-Positive = Annotated[float, Field(gt=0)]
 
 
 class Radar(Table):
@@ -24,9 +24,7 @@ class Radar(Table):
     tone_step: Positive  #: Hz
     range: Positive  #: distance of the mines from the stop, m
     scatterers: Positive | None = None  #: surface scatterers per m²
-    tones: tuple[float, float] | None = (
-        None  #: their ends, Hz; those of the image's band by default
-    )
+    tones: Span | None = None  #: their ends, Hz; those of the image's band by default
     stop_spacing: Positive  #: m
     margin: Positive  #: simulated ground around the image, m
 
@@ -34,10 +32,10 @@ class Radar(Table):
 class Image(Table):
     """Image in the scan frame, and how it is formed."""
 
-    x: tuple[float, float]  #: cross-track, m
-    y: tuple[float, float]  #: down-track, m
+    x: Span  #: cross-track, m
+    y: Span  #: down-track, m
     spacing: tuple[Positive, Positive]  #: of the pixels, cross-track and down-track, m
-    band: tuple[float, float]  #: Hz
+    band: Span  #: Hz
     filter: Literal["ramp", "none"]  #: weight of the tones
     calibrate: bool  #: whether the gain of the antennas is taken out
     self_signature: Literal["none", "mean", "median"]  #: how it is estimated
@@ -54,13 +52,13 @@ class Cut(Table):
     """Range cut: polarizations stacked and number of samples of each."""
 
     polarizations: tuple[str, ...]
-    length: Annotated[int, Field(ge=1)]
+    length: AtLeastOne
 
 
 class Training(Table):
     """How target and clutter samples are taken; lengths in m, steps in pixels."""
 
-    search: Annotated[float, Field(ge=0)]
+    search: NotNegative
     clear: Positive
     clutter_step: tuple[int, int]
     moments: str
@@ -78,10 +76,10 @@ class Score(Table):
     """How detectors are scored, by boxes at the mines and away from them."""
 
     box: Positive  #: side of a box, m
-    clearance: Annotated[float, Field(ge=0)]  #: of clutter boxes from a mine's box, m
+    clearance: NotNegative  #: of clutter boxes from a mine's box, m
     quantile: Annotated[float, Field(gt=0, le=1)]  #: tried in place of the peak of a box
     pfa: Positive  #: false alarms per m² at which detectors are compared
-    rock: Annotated[float, Field(ge=0)]  #: distance at which a rock is near a box, m
+    rock: NotNegative  #: distance at which a rock is near a box, m
 
 
 class Premises(Table):
@@ -89,14 +87,14 @@ class Premises(Table):
 
     #: share of a cut's largest value by which a hump stands out
     hump: Annotated[float, Field(gt=0, le=1)]
-    humps: tuple[float, float]  #: mean number of humps that is called a double hump
+    humps: Span  #: mean number of humps that is called a double hump
     #: share of clutter boxes that a visible mine exceeds
     visible: Annotated[float, Field(gt=0, lt=1)]
-    visible_mines: tuple[float, float]  #: share of visible mines that is called "readily visible"
-    fourth_moment: tuple[float, float]  #: of complex Gaussian clutter, E|z|⁴ / (E|z|²)² is 2
-    humps_across: tuple[float, float]  #: mean number of humps across that is called no structure
+    visible_mines: Span  #: share of visible mines that is called "readily visible"
+    fourth_moment: Span  #: of complex Gaussian clutter, E|z|⁴ / (E|z|²)² is 2
+    humps_across: Span  #: mean number of humps across that is called no structure
     width_across: Positive  #: least width of mines across, in widths of an ideal point
-    clutter_thinning: Annotated[int, Field(ge=1)]  #: of so many clutter cuts one is measured
+    clutter_thinning: AtLeastOne  #: of so many clutter cuts one is measured
 
 
 class Study(Table):
@@ -110,10 +108,10 @@ class Sweeps(Table):
     """What is tried beside the study, on the lanes of its first seeds."""
 
     seeds: Annotated[int, Field(ge=0)]  #: number of seeds
-    mines: Annotated[int, Field(ge=1)]  #: of a further lane, seen twice, from which examples come
+    mines: AtLeastOne  #: of a further lane, seen twice, from which examples come
     numbers: tuple[int, ...]  #: numbers of examples
     ranks: tuple[int, ...]  #: ranks of the detectors trained on them
-    bands: dict[str, tuple[float, float]]  #: Hz, by name; the first is held to be the best
+    bands: dict[str, Span]  #: Hz, by name; the first is held to be the best
 
 
 class Site(Table):
@@ -126,14 +124,14 @@ class Site(Table):
     training: dict[str, int]
     test: dict[str, int]
 
-    def mine(self, **position: float) -> dict[str, Any]:
+    def mine(self, **position: float) -> Entries:
         """Return a mine of this lane at a position, as scenes hold targets."""
-        entries: dict[str, Any] = {"kind": self.kind}
+        entries: Entries = {"kind": self.kind}
         if self.body is not None:
             entries["body"] = self.body
         return entries | position
 
-    def depths(self, share: float = 1.0) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    def depths(self, share: float = 1.0) -> tuple[FloatArray, BoolArray]:
         """Return the depth of every mine, m, and whether it belongs to the training set.
 
         Parameters
@@ -186,7 +184,7 @@ class StudyRecipe(Table):
 
 def study_recipe(quick: bool = False, world: str = OWN) -> StudyRecipe:
     """Load the packaged recipe of the study, on the lanes of a world."""
-    sites = {}
-    for name, site in study_world("cosgrove2004", world).sites.items():
-        sites[name] = {"scene": site}
+    sites = {
+        name: {"scene": site} for name, site in study_world("cosgrove2004", world).sites.items()
+    }
     return packaged("cosgrove2004", StudyRecipe, quick, {"sites": sites})

@@ -12,19 +12,17 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
 from scipy.signal import find_peaks
 
 from flgpr.clutter import ClutterWhitener
-from flgpr.features import range_cuts
 from flgpr.kernels.widths import half_power
-from flgpr.scoring import offset_boxes
+from flgpr.model import Lane
+from flgpr.scoring import box_peaks, offset_boxes
 from flgpr.stages.forms import samples_at
-from flgpr_papers.cosgrove2004.detect import box_values
+from flgpr.types import AnyArray, ArrayLike, ComplexArray, Entries, FloatArray, floats
 from flgpr_papers.cosgrove2004.images import WIDE_MINES, Look
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
 
-FloatArray = NDArray[np.float64]
 _ACROSS = 1.0  # m, half length of the cut across a mine
 
 
@@ -38,7 +36,7 @@ def hump_count(magnitude: ArrayLike, prominence: float) -> int:
     prominence : float
         Share of the cut's largest value by which a maximum has to stand out.
     """
-    level = np.asarray(magnitude, dtype=np.float64)
+    level = floats(magnitude)
     peaks, _ = find_peaks(level, prominence=prominence * level.max())
     return len(peaks)
 
@@ -70,9 +68,7 @@ def fourth_moment_ratio(white: ArrayLike) -> float:
     return float(np.mean(np.mean(power**2, axis=0) / np.mean(power, axis=0) ** 2))
 
 
-def look_measures(
-    recipe: StudyRecipe, looks: Sequence[Look], whitener: ClutterWhitener
-) -> dict[str, Any]:
+def look_measures(recipe: StudyRecipe, looks: Sequence[Look], whitener: ClutterWhitener) -> Entries:
     """Measure the images of mines and of the clutter around them.
 
     Parameters
@@ -89,17 +85,11 @@ def look_measures(
         ``correlation``; ``across`` with the lists ``humps`` and ``width`` (m, NaN where the half
         power is not reached) of mines; and ``fourth_moment_ratio`` of the whitened clutter.
     """
-    target_cuts = []
-    clutter_cuts = []
-    across = []
-    for look in looks:
-        samples = samples_at(look.image, look.position[None], recipe.cuts)
-        target_cuts.append(samples.target)
-        clutter_cuts.append(samples.clutter)
-        across.append(_across(recipe, look))
-    clutter = np.concatenate(clutter_cuts)
+    samples = [samples_at(look.image, look.position[None], recipe.cuts) for look in looks]
+    across = [_across(recipe, look) for look in looks]
+    clutter = np.concatenate([of_look.clutter for of_look in samples])
     return {
-        "mine": _cut_measures(recipe, np.concatenate(target_cuts)),
+        "mine": _cut_measures(recipe, np.concatenate([of_look.target for of_look in samples])),
         "clutter": _cut_measures(recipe, clutter[:: recipe.premises.clutter_thinning]),
         "across": {
             "humps": [humps for humps, _ in across],
@@ -109,24 +99,18 @@ def look_measures(
     }
 
 
-def signature_humps(recipe: StudyRecipe, looks: Sequence[Look]) -> dict[str, list[int]]:
+def signature_humps(recipe: StudyRecipe, cuts: ComplexArray) -> dict[str, list[int]]:
     """Return the number of humps of clutter-free signatures of mines, by polarization.
 
     Parameters
     ----------
     recipe : StudyRecipe
         The study.
-    looks : sequence of Look
-        Looks at mines without a lane around them.
+    cuts : (n, features) ndarray
+        Range cuts through mines without a lane around them.
     """
-    shape = recipe.cut.length, 1
-    names = recipe.cut.polarizations
-    cuts = []
-    for look in looks:
-        position = look.position[None]
-        cuts.append(range_cuts(look.image, position, shape, names, recipe.training.search)[0])
-    measures = _cut_measures(recipe, np.array(cuts))
-    return {name: measures[name] for name in names}
+    measures = _cut_measures(recipe, cuts)
+    return {name: measures[name] for name in recipe.cut.polarizations}
 
 
 def visible_mines(recipe: StudyRecipe, image: xr.DataArray) -> list[bool]:
@@ -142,11 +126,10 @@ def visible_mines(recipe: StudyRecipe, image: xr.DataArray) -> list[bool]:
     image : (polarization, y, x) DataArray
         As `flgpr_papers.cosgrove2004.images.wide_image` returns it.
     """
-    visible = []
-    for at_mine, at_clutter in wide_boxes(recipe, image):
-        level = np.quantile(at_clutter, recipe.premises.visible)
-        visible.append(bool(at_mine > level))
-    return visible
+    return [
+        bool(at_mine > np.quantile(at_clutter, recipe.premises.visible))
+        for at_mine, at_clutter in wide_boxes(recipe, image)
+    ]
 
 
 def wide_boxes(recipe: StudyRecipe, image: xr.DataArray) -> list[tuple[float, FloatArray]]:
@@ -157,21 +140,15 @@ def wide_boxes(recipe: StudyRecipe, image: xr.DataArray) -> list[tuple[float, Fl
     box = recipe.score.box
     half_step = recipe.radar.stop_spacing / 2
     peaks = []
-    for position in np.array(WIDE_MINES, dtype=np.float64):
-        area = {
-            "x_min": float(x[0]),
-            "x_max": float(x[-1]),
-            "y_min": position[1] - half_step,
-            "y_max": position[1] + half_step,
-        }
+    for position in floats(WIDE_MINES):
+        area = Lane(float(x[0]), float(x[-1]), position[1] - half_step, position[1] + half_step)
         boxes = offset_boxes(position[None], area, box, recipe.score.clearance)
-        at_mine, _ = box_values(power, x, y, position[None], box, 1.0)
-        at_clutter, _ = box_values(power, x, y, boxes, box, 1.0)
+        at_mine, at_clutter = [box_peaks(power, x, y, of, box)[0] for of in (position, boxes)]
         peaks.append((float(at_mine[0]), at_clutter))
     return peaks
 
 
-def _cut_measures(recipe: StudyRecipe, cuts: NDArray[Any]) -> dict[str, list[Any]]:
+def _cut_measures(recipe: StudyRecipe, cuts: AnyArray) -> dict[str, list[Any]]:
     """Return the measures of cuts by polarization."""
     length = recipe.cut.length
     measures: dict[str, list[Any]] = {}

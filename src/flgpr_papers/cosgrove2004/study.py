@@ -10,15 +10,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from flgpr.method.model import Model, save_model
 from flgpr.progress import Track
 from flgpr.stages.forms import learnt_of
+from flgpr.types import Complex128Array, Entries, floats
 from flgpr_papers.cosgrove2004 import figures
 from flgpr_papers.cosgrove2004.detect import (
     Training,
@@ -70,7 +69,7 @@ def page_facts(
     cases: Cases,
     tables: Mapping[str, pd.DataFrame],
     responses: Mapping[str, PointResponse],
-) -> dict[str, Any]:
+) -> Entries:
     """Return what the captions and their numbers take.
 
     The parameters are those of :func:`page_tables`, and the image of a point with and without the
@@ -103,7 +102,7 @@ def page_tables(
     cases: Cases,
     tables: Mapping[str, pd.DataFrame],
     found: Sequence[Finding],
-) -> dict[str, Any]:
+) -> Entries:
     """Return what the template of the page takes.
 
     Parameters
@@ -172,9 +171,6 @@ def _pd_texts(recipe: StudyRecipe, table: pd.DataFrame) -> dict[str, str]:
     return texts
 
 
-ComplexArray = NDArray[np.complex128]
-
-
 def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
     """Run the lanes of every seed, whose scores stay in ``lanes``, and judge them."""
     recipe = study_recipe(quick, world)
@@ -210,7 +206,7 @@ def seed_cases(recipe: StudyRecipe, folder: Path, seed: int) -> dict[str, dict[s
     """Return the cases of a seed by surroundings and site, or read them if they are on disk."""
     models = folder / "models" if seed == 1 else None
     # Whoever asks for more seeds keeps those that are done.
-    left_out: dict[str, Any] = {"vehicle": True, "study": {"seeds"}, "sweeps": {"seeds"}}
+    left_out: Entries = {"vehicle": True, "study": {"seeds"}, "sweeps": {"seeds"}}
     of_seed = recipe.model_dump(mode="json", exclude=left_out)
     key = key_of(of_seed, seed <= recipe.sweeps.seeds)
     path = folder / "lanes" / f"seed-{seed}-{key}.json"
@@ -242,14 +238,14 @@ def run_seed(
         Case by surroundings and site, as JSON can hold it.
     """
     cases: dict[str, dict[str, Case]] = {surroundings: {} for surroundings in SURROUNDINGS}
-    sand_cuts: dict[str, ComplexArray] = {}
+    sand_cuts: dict[str, Complex128Array] = {}
     response = point_response(recipe, filtered=recipe.image.filter == "ramp")
     visible = visible_mines(recipe, wide_image(recipe, seed))
     # Dry sand comes first: its detector is tried at the other sites.
     for site in sorted(recipe.sites, key=lambda site: site != "sand"):
         bare_looks = signature_looks(recipe, site)
         signatures = np.concatenate([target_cut(recipe, look) for look in bare_looks])
-        humps = signature_humps(recipe, bare_looks)
+        humps = signature_humps(recipe, signatures)
         has_sweeps = site in SOILS and seed <= recipe.sweeps.seeds
         examples = example_looks(recipe, site, seed, share) if has_sweeps else {}
         for surroundings, looks in lane_looks(recipe, site, seed, share).items():
@@ -291,7 +287,7 @@ def _lane_case(recipe: StudyRecipe, looks: Sequence[Look], training: Training) -
     first_looks = {look.depth: look for look in reversed(looks)}
     cuts = []
     for depth in sorted(first_looks)[:3]:
-        magnitude = np.abs(target_cut(recipe, first_looks[depth])[0]).astype(float)
+        magnitude = floats(np.abs(target_cut(recipe, first_looks[depth])[0]))
         cuts.append({"depth": depth, "magnitude": magnitude.tolist()})
     return {
         "premises": look_measures(recipe, test, training.whitener),

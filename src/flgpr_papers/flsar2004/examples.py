@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.features import (
     SurveyOffset,
@@ -31,10 +30,10 @@ from flgpr.stages.clusters import (
     TemplateSettings,
     templates_of,
 )
+from flgpr.types import AnyArray, BoolArray, ComplexArray, Entries, Float32Array, floats
 from flgpr_papers.flsar2004.lanes import Pass, RadiusIs, Settings
 from flgpr_papers.flsar2004.machines import Examples
 
-FloatArray = NDArray[np.float64]
 POLARIZATIONS = ("HH", "VV")
 ANTENNA_HEIGHT = 3.5
 """Height of the antennas above the ground, m."""
@@ -47,8 +46,8 @@ class Site:
     name: str
     #: (polarization, range, y, x) images; the phase of the way to the pixel at the middle of the
     #: band is taken out
-    wave: NDArray[np.complex64]
-    image: NDArray[np.float32]  #: (polarization, range, y, x) their magnitudes
+    wave: ComplexArray
+    image: Float32Array  #: (polarization, range, y, x) their magnitudes
     grid: Grid  #: pixels of the strip
     #: one row per mine and drive: x, y in the strip, kind, depth, target (the same for both
     #: drives), subset
@@ -105,8 +104,11 @@ def join(settings: Settings, drives: Sequence[Pass]) -> Site:
         tables.append(table)
         lanes.append(Lane(settings.lane[0], settings.lane[1], offset, settings.length + offset))
     mines = pd.concat(tables, ignore_index=True)
-    subset = _draw_subset(settings, drives[0].site, mines)
-    mines["subset"] = mines["target"].isin(subset)
+    # A share of all mines, and at least four.
+    names = np.sort(mines["target"].unique())
+    rng = np.random.default_rng(settings.seed + settings.sites.index(drives[0].site))
+    count = max(round(settings.features.share * len(names)), 4)
+    mines["subset"] = mines["target"].isin(rng.choice(names, count, replace=False))
     wave = np.concatenate([drive.image for drive in drives], axis=2)
     return Site(drives[0].site, wave, np.abs(wave), grid, mines, tuple(lanes), registration)
 
@@ -124,17 +126,9 @@ def _survey_offsets(settings: Settings, drive: Pass) -> dict[str, SurveyOffset]:
     return offsets
 
 
-def _draw_subset(settings: Settings, site: str, mines: pd.DataFrame) -> NDArray[Any]:
-    """Draw the mines of the subset: a share of all, and at least four."""
-    names = np.sort(mines["target"].unique())
-    rng = np.random.default_rng(settings.seed + settings.sites.index(site))
-    count = max(round(settings.features.share * len(names)), 4)
-    return rng.choice(names, count, replace=False)
-
-
 def signatures(
     settings: Settings, site: Site, subset: bool, magnitude: bool = True
-) -> tuple[NDArray[Any], pd.DataFrame]:
+) -> tuple[AnyArray, pd.DataFrame]:
     """Cut images of template size about the mines: those of the subset, or all the others.
 
     Parameters
@@ -179,7 +173,7 @@ VARIANTS = {
 }
 
 
-def make_templates(settings: Settings, site: Site, variant: Variant = MAIN) -> NDArray[Any]:
+def make_templates(settings: Settings, site: Site, variant: Variant = MAIN) -> AnyArray:
     """Compute templates from the subset's signatures.
 
     Complex signatures have any phase, as mines do not lie where they are surveyed to a part of a
@@ -214,7 +208,7 @@ def make_templates(settings: Settings, site: Site, variant: Variant = MAIN) -> N
 
 
 def open_examples(
-    settings: Settings, site: Site, templates: NDArray[Any], magnitude: bool = True
+    settings: Settings, site: Site, templates: AnyArray, magnitude: bool = True
 ) -> Examples:
     """Return the examples without prescreener and their features.
 
@@ -246,7 +240,7 @@ def open_examples(
 def _with_features(
     settings: Settings,
     site: Site,
-    templates: NDArray[Any],
+    templates: AnyArray,
     table: pd.DataFrame,
     magnitude: bool = True,
 ) -> Examples:
@@ -255,7 +249,7 @@ def _with_features(
     table["target"] = table["target"].fillna("") if "target" in table else ""
     image = site.image if magnitude else site.wave
     regions = cut_regions(image, site.grid, table[["x", "y"]], settings.features.region)
-    return table, template_features(regions, templates, magnitude)
+    return Examples(table, template_features(regions, templates, magnitude))
 
 
 def learn_screen(
@@ -344,15 +338,15 @@ def clutter_past_prescreeners(
 
 def clutter_clusters(
     site: Site, screen: ClusterScreen, halo: float
-) -> Iterator[tuple[Any, Any, Any, pd.DataFrame, NDArray[np.bool_]]]:
+) -> Iterator[tuple[Any, Any, Any, pd.DataFrame, BoolArray]]:
     """Yield every image with its ellipse, its limits, its clusters, and which of them are clutter.
 
     The parameters are those of :func:`clutter_past_prescreeners`.
     """
-    mines = site.mines[["x", "y"]].to_numpy(dtype=np.float64)
+    mines = floats(site.mines[["x", "y"]])
     for channel, (ellipse, limits) in screen.channels(site.view):
         clusters = find_clusters(channel, limits.amplitude, screen.settings.forming)
-        places = clusters[["x", "y"]].to_numpy(dtype=np.float64)
+        places = floats(clusters[["x", "y"]])
         in_lane = np.logical_or.reduce([lane.contains(*places.T) for lane in site.lanes])
         distance = np.hypot(*(places[:, None] - mines).transpose(2, 0, 1)).min(axis=1)
         yield channel, ellipse, limits, clusters, in_lane & (distance > halo)
@@ -363,7 +357,7 @@ def _training(site: Site) -> TrainingView:
     return TrainingView(site.view, site.mines[site.mines["subset"]], site.lanes[0])
 
 
-def _sizes(settings: Settings) -> dict[str, Any]:
+def _sizes(settings: Settings) -> Entries:
     """Return the sizes in the settings of the recipe's stages; all of the subset trains them."""
     return {
         "region": settings.features.region,
@@ -373,7 +367,7 @@ def _sizes(settings: Settings) -> dict[str, Any]:
 
 
 def screened_examples(
-    settings: Settings, site: Site, templates: NDArray[Any], regions: pd.DataFrame
+    settings: Settings, site: Site, templates: AnyArray, regions: pd.DataFrame
 ) -> Examples:
     """Return screened regions as examples with features, labelled by the mines within the halo.
 
@@ -391,8 +385,8 @@ def screened_examples(
         As :func:`screened_regions` returns them.
     """
     mines = site.mines.reset_index(drop=True)
-    mine_positions = mines[["x", "y"]].to_numpy(dtype=np.float64)
-    region_positions = regions[["x", "y"]].to_numpy(dtype=np.float64)
+    mine_positions = floats(mines[["x", "y"]])
+    region_positions = floats(regions[["x", "y"]])
     distance = np.linalg.norm(region_positions[:, None] - mine_positions, axis=2)
     nearest = distance.argmin(axis=1)
     is_hit = distance[np.arange(len(regions)), nearest] <= settings.prescreen.halo

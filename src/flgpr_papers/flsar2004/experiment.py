@@ -7,13 +7,13 @@ those about signatures, templates and prescreeners, and the table of all parts.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from flgpr.features import principal_templates
 from flgpr.stages.clusters import ClusterScreen
+from flgpr.types import Entries, floats
 from flgpr_papers.flsar2004.examples import (
     MAIN,
     POLARIZATIONS,
@@ -35,7 +35,6 @@ from flgpr_papers.flsar2004.findings import (
     Results,
     auc,
     component_interval,
-    difference,
     likeness_interval,
     pd_count,
     pick_examples,
@@ -91,8 +90,8 @@ def sparsity(material: Material) -> Results:
     }
     scores: dict[str, HeldOut] = {}
     for label, machine in machines.items():
-        scores[label] = leave_one_out(*chosen, machine, options.folds)
-        results.add_areas(f"fig6 {label}", scores[label], measure, material.draws)
+        scores[label] = leave_one_out(chosen, machine, options.folds)
+        results.add_areas(f"fig6 {label}", scores[label], measure)
     for label in ("RVM", "SVM", _SUM):
         results.add_curve("fig6", label, scores[label], measure.area)
     for label in machines:
@@ -100,20 +99,20 @@ def sparsity(material: Material) -> Results:
     few = thin_examples(chosen, options.examples, material.settings.seed)
     vectors = {}
     for label in ("RVM", "SVM", "RVM, prior by the evidence", _OWN_MACHINE):
-        few_scores = leave_one_out(*few, machines[label], options.folds)
+        few_scores = leave_one_out(few, machines[label], options.folds)
         vectors[label] = few_scores.vector_share
         if label in ("RVM", "SVM"):
             area = material.measure(few).area
             results.add_curve("fig6 as many examples", label, few_scores, area)
     results.notes["vectors, leave-one-out"] = {
-        "examples": len(few[0]),
-        "mines": int((few[0]["kind"] != "clutter").sum()),
+        "examples": len(few.table),
+        "mines": int(few.is_mine.sum()),
         **{label: float(share.mean()) for label, share in vectors.items()},
     }
     results.notes["vectors by fold"] = {label: share.tolist() for label, share in vectors.items()}
 
     def gap(first: str, second: str) -> Interval:
-        return difference(scores[first], scores[second], measure, material.draws)
+        return measure.difference(scores[first], scores[second])
 
     results.judge("machines", gap("RVM", "SVM"))
     results.judge("relevance-share", spread_of_folds(vectors["RVM"]))
@@ -122,28 +121,6 @@ def sparsity(material: Material) -> Results:
     results.judge("own", gap(_OWN_MACHINE, "RVM"))
     results.judge("own-sparser", ratio_interval(vectors[_OWN_MACHINE], vectors["RVM"]))
     results.judge("kernel", gap("RVM", "RVM polynomial"))
-    return results
-
-
-def paper_size(material: Material, seed: int) -> Results:
-    """Run the leave-one-out of Fig. 6 with as many examples as the paper has, drawn by a seed.
-
-    They are of the temperate site, the last one.
-    """
-    options = material.settings.classify
-    results = Results()
-    chosen = pick_examples(material.examples[-1], ("metal",), (-1.0, SHALLOW), "VV")
-    few = thin_examples(chosen, options.examples, seed)
-    measure = material.measure(few)
-    machines = {"RVM": rvm(options), "SVM": svm(options), "polynomial": rvm(options, "poly")}
-    scores = {name: leave_one_out(*few, one, options.folds) for name, one in machines.items()}
-    shares = scores["RVM"].vector_share, scores["SVM"].vector_share
-    for name, rival in (("machines", "SVM"), ("kernel", "polynomial")):
-        gap = difference(scores["RVM"], scores[rival], measure, material.draws)
-        results.judge(name, gap)
-    results.judge("relevance-share", spread_of_folds(shares[0]))
-    results.judge("support-share", spread_of_folds(shares[1]))
-    results.judge("sparser", ratio_interval(*shares))
     return results
 
 
@@ -159,8 +136,8 @@ def unscreened(material: Material) -> Results:
         _score_kind(material, kind, pick_examples(examples, (kind,)), measure, results)
         for kind in KINDS
     ]
-    results.judge("plastic", measure.interval(plastic, material.draws))
-    results.judge("comparable", difference(metal, plastic, measure, material.draws))
+    results.judge("plastic", measure.interval(plastic))
+    results.judge("comparable", measure.difference(metal, plastic))
     _depths(pick_examples(examples, ("plastic",)), plastic, measure.area, results)
     return results
 
@@ -170,37 +147,33 @@ def _score_kind(
 ) -> HeldOut:
     """Score the mines of a kind by every machine of Fig. 7 and 9; returns those of Fig. 7."""
     options = material.settings.classify
-    draws = material.draws
-    binary = leave_one_out(*chosen, rvm(options), options.folds)
-    baseline = leave_one_out(*chosen, sum_of_correlations, options.folds)
+    binary = leave_one_out(chosen, rvm(options), options.folds)
+    baseline = leave_one_out(chosen, sum_of_correlations, options.folds)
     novel = {}
     for name in NOVELTY_RIVALS:
         machine = one_class(options, name)
-        novel[name] = leave_one_out(*chosen, machine, options.folds, novelty=True)
-    by_mine = held_out(*chosen, rvm(options), options.folds)
+        novel[name] = leave_one_out(chosen, machine, options.folds, novelty=True)
+    by_mine = held_out(chosen, rvm(options), options.folds)
     results.add_curve("fig7", kind, binary, measure.area)
     results.add_curve("fig7", f"{kind}, {_SUM}", baseline, measure.area)
     results.add_curve("fig9", kind, novel[NOVELTY_RIVALS[0]], measure.area)
-    results.add_areas(f"fig7 {kind}", binary, measure, draws)
-    results.add_areas(f"fig7 {kind}, {_SUM}", baseline, measure, draws)
-    results.add_areas(
-        f"fig7 {kind}, both looks at a mine held out together", by_mine, measure, draws
-    )
-    drawn = retrained(*chosen, rvm(options), options.folds, max(draws // 80, 4))
+    results.add_areas(f"fig7 {kind}", binary, measure)
+    results.add_areas(f"fig7 {kind}, {_SUM}", baseline, measure)
+    results.add_areas(f"fig7 {kind}, both looks at a mine held out together", by_mine, measure)
+    drawn = retrained(chosen, rvm(options), options.folds, max(measure.draws // 80, 4))
     retrained_name = f"fig7 {kind}, both looks held out, trained anew in every draw"
     results.areas[retrained_name] = spread(auc(by_mine), drawn, bounds=SHARE)
     for name, scores in novel.items():
-        results.add_areas(f"fig9 {kind}, one-class {name}", scores, measure, draws)
-    gaps = {name: difference(binary, novel[name], measure, draws) for name in _RVM_RIVALS}
+        results.add_areas(f"fig9 {kind}, one-class {name}", scores, measure)
+    gaps = {name: measure.difference(binary, novel[name]) for name in _RVM_RIVALS}
     results.judge_all("novelty", gaps, kind=kind)
-    results.judge("plain-sum", difference(binary, baseline, measure, draws), kind=kind)
+    results.judge("plain-sum", measure.difference(binary, baseline), kind=kind)
     return binary
 
 
 def _depths(chosen: Examples, scores: HeldOut, area: float, results: Results) -> None:
     """Run Fig. 8: plastic mines on the surface, flush and 5 cm deep, against all depths."""
-    table, _ = chosen
-    depth = table.loc[table["kind"] != "clutter", "depth"].to_numpy()
+    depth = chosen.table.loc[chosen.is_mine, "depth"].to_numpy()
     subsets = {
         "surface": depth <= SURFACE,
         "flush": (depth > SURFACE) & (depth <= 0.025),
@@ -230,7 +203,6 @@ def between_sites(material: Material) -> Results:
 def _across_sites(material: Material, first: int, second: int, results: Results) -> None:
     """Train at a site and test at another."""
     options = material.settings.classify
-    draws = material.draws
     test_site = material.sites[second]
     direction = f"{material.sites[first].name} to {test_site.name}"
     # The paper trains at the arid site and speaks of no other direction.
@@ -251,22 +223,24 @@ def _across_sites(material: Material, first: int, second: int, results: Results)
         results.add_curve(f"fig10 {direction}", f"{kind}, one-class", papers, measure.area)
         results.add_curve(f"fig10 {direction}", f"{kind}, binary", scores["binary"], measure.area)
         for name, one in scores.items():
-            results.add_areas(f"fig10 {direction}, {kind}, {name}", one, measure, draws)
+            results.add_areas(f"fig10 {direction}, {kind}, {name}", one, measure)
         if is_the_papers:
-            gaps = {}
-            for name in _RVM_RIVALS:
-                gaps[name] = difference(scores["binary"], novel[kind][name], measure, draws)
+            gaps = {
+                name: measure.difference(scores["binary"], novel[kind][name])
+                for name in _RVM_RIVALS
+            }
             results.judge_all("carries-binary", gaps, kind=kind)
     for kind in KINDS:
-        intervals = {name: measure.interval(novel[kind][name], draws) for name in _RVM_RIVALS}
+        intervals = {name: measure.interval(novel[kind][name]) for name in _RVM_RIVALS}
         if is_the_papers:
             results.judge_all("carries", intervals, kind=kind, way=direction)
         else:
             results.judge("carries-back", intervals[_RVM_RIVALS[0]], kind=kind, way=direction)
     if is_the_papers:
-        gaps = {}
-        for name in _RVM_RIVALS:
-            gaps[name] = difference(novel["metal"][name], novel["plastic"][name], measure, draws)
+        gaps = {
+            name: measure.difference(novel["metal"][name], novel["plastic"][name])
+            for name in _RVM_RIVALS
+        }
         results.judge_all("carries-metal", gaps, way=direction)
 
 
@@ -275,14 +249,14 @@ def variants(material: Material) -> Results:
 
     There is no prescreener; both polarizations, the binary RVM, and mines of all depths.
     """
-    summary: dict[str, Any] = {}
+    summary: Entries = {}
     for site in material.sites:
         for kind in KINDS:
             summary[f"{site.name}, {kind}"] = _variant_summary(material, site, kind)
     return Results(notes={"templates": summary})
 
 
-def _variant_summary(material: Material, site: Site, kind: str) -> dict[str, Any]:
+def _variant_summary(material: Material, site: Site, kind: str) -> Entries:
     """Return the number of every kind of template, and that less the main one's."""
     options = material.settings.classify
     scores: dict[str, HeldOut] = {}
@@ -290,13 +264,13 @@ def _variant_summary(material: Material, site: Site, kind: str) -> dict[str, Any
         templates = make_templates(material.settings, site, variant)
         examples = open_examples(material.settings, site, templates, variant.magnitude)
         chosen = pick_examples(examples, (kind,))
-        scores[name] = held_out(*chosen, rvm(options), options.folds)
+        scores[name] = held_out(chosen, rvm(options), options.folds)
         measure = material.measure(chosen)
     (main,) = [name for name, variant in VARIANTS.items() if variant == MAIN]
     summary = {}
     for name, variant_scores in scores.items():
-        gap = difference(variant_scores, scores[main], measure, material.draws)
-        area = measure.interval(variant_scores, material.draws)
+        gap = measure.difference(variant_scores, scores[main])
+        area = measure.interval(variant_scores)
         summary[name] = {"area": area, "less the main one": gap}
     return summary
 
@@ -319,9 +293,9 @@ def sizes(material: Material) -> Results:
     """Count the examples, and record how well the fiducials register the images."""
     results = Results()
     counts = {}
-    registration: dict[str, Any] = {}
-    for site, (table, _) in zip(material.sites, material.examples, strict=True):
-        kinds = table["kind"].value_counts()
+    registration: Entries = {}
+    for site, examples in zip(material.sites, material.examples, strict=True):
+        kinds = examples.table["kind"].value_counts()
         counts[site.name] = {kind: int(count) for kind, count in kinds.items()}
         registration[site.name] = {}
         for name, registered in site.registration.items():
@@ -347,9 +321,10 @@ def templates(material: Material) -> Results:
     for site in material.sites:
         for values, magnitude in (("magnitudes", True), ("complex", False)):
             chips, _ = signatures(material.settings, site, False, magnitude)
-            shares = []
-            for polarization, distance in np.ndindex(*chips.shape[1:3]):
-                shares.append(principal_templates(chips[:, polarization, distance], 1)[1][0])
+            shares = [
+                principal_templates(chips[:, polarization, distance], 1)[1][0]
+                for polarization, distance in np.ndindex(*chips.shape[1:3])
+            ]
             energy[f"{site.name}, {values}"] = float(np.mean(shares))
     results.notes["energy of the first component"] = energy
     return results
@@ -370,7 +345,7 @@ def _plastic_peaks(material: Material, site: Site) -> pd.DataFrame:
     clutter = np.median(site.image, axis=(2, 3))[None]
     peak = (chips.max(axis=(3, 4)) / clutter).mean(axis=(1, 2))
     # Mines scatter about their depth: they are compared by steps of 5 cm.
-    depth = np.round(mines["depth"].to_numpy(dtype=np.float64) / 0.05) * 0.05
+    depth = np.round(floats(mines["depth"]) / 0.05) * 0.05
     table = pd.DataFrame({"peak": peak, "depth": depth, "target": mines["target"]})
     return table[(mines["kind"] == "plastic").to_numpy()]
 
@@ -414,9 +389,9 @@ def _screened(material: Material, radius_is: RadiusIs, reading: str) -> Results:
             )
             if passed is not None:
                 scores[label] = passed
-        tables.append(examples[0])
+        tables.append(examples.table)
         if "both" in scores:
-            passed_shares.append((int((chosen[0]["kind"] == "metal").sum()), len(offered)))
+            passed_shares.append((int((chosen.table["kind"] == "metal").sum()), len(offered)))
         if len(scores) == len(POLARIZATIONS) + 1:
             _judge_polarizations(material, site, scores, results)
         _count_clutter(material, site, f"{site.name}{reading}", screen, results)
@@ -445,7 +420,7 @@ def _classify_passed(
 
     The curve is added to those of Fig. 5.
     """
-    table, _ = chosen
+    table = chosen.table
     is_metal = table["kind"] == "metal"
     mines = int(is_metal.sum())
     clutter = int((~is_metal).sum())
@@ -456,7 +431,7 @@ def _classify_passed(
         )
         return None
     options = material.settings.classify
-    scores = leave_one_out(*chosen, rvm(options), options.folds)
+    scores = leave_one_out(chosen, rvm(options), options.folds)
     results.add_curve(f"fig5 {case}", label, scores, site.area, len(offered))
     return with_lost(scores, table[is_metal], offered)
 
@@ -465,11 +440,11 @@ def _judge_polarizations(
     material: Material, site: Site, scores: dict[str, HeldOut], results: Results
 ) -> None:
     """Judge the fusion of polarizations, and VV against HH, at a site."""
-    measure = Measure(site.area, FIG5_FAR, at=True)
+    measure = Measure(site.area, FIG5_FAR, True, material.draws)
     for label in POLARIZATIONS:
-        gap = difference(scores["both"], scores[label], measure, material.draws)
+        gap = measure.difference(scores["both"], scores[label])
         results.judge("fusion", gap, site=site.name, label=label)
-    gap = difference(scores["VV"], scores["HH"], measure, material.draws)
+    gap = measure.difference(scores["VV"], scores["HH"])
     results.judge("polarizations", gap, site=site.name)
 
 
@@ -517,11 +492,11 @@ def other_screens(material: Material) -> Results:
     }
     offered = _offered(site)["kind"].value_counts()
     for name, regions in tried.items():
-        table, _ = screened_examples(settings, site, material.templates[0], regions)
-        counts = table["kind"].value_counts()
-        passed: dict[str, Any] = {}
-        for kind in KINDS:
-            passed[kind] = f"{int(counts.get(kind, 0))} of {int(offered[kind])} pass"
+        examples = screened_examples(settings, site, material.templates[0], regions)
+        counts = examples.table["kind"].value_counts()
+        passed: Entries = {
+            kind: f"{int(counts.get(kind, 0))} of {int(offered[kind])} pass" for kind in KINDS
+        }
         passed["clutter regions per m²"] = int(counts.get("clutter", 0)) / site.area
         results.notes[f"{name}, {site.name}"] = passed
     return results

@@ -8,18 +8,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Ellipse, Rectangle
-from numpy.typing import NDArray
 from sklearn.svm import SVC
 
 from flgpr.detect import OneClassRelevanceVectorMachine, RelevanceVectorClassifier
 from flgpr.detect.one_class import FORMULATIONS
 from flgpr.screen import fit_ellipse
+from flgpr.types import AnyArray, Entries
 from flgpr_papers.flsar2004.examples import POLARIZATIONS, Site, make_templates
 from flgpr_papers.flsar2004.findings import Results
 from flgpr_papers.flsar2004.lanes import Settings, fiducials
-from flgpr_papers.kit.figures import Figures, colour_bar, show, steps
+from flgpr_papers.kit.figures import Figures, Panels, colour_bar, show, steps
 
-Panels = NDArray[Any]
 _figure = Figures("flsar2004")
 TITLES: dict[str, str] = _figure.declared["titles"]
 """Title of every panel of ROCs by its name."""
@@ -33,7 +32,7 @@ class Measured(NamedTuple):
     results: Results  #: of all parts
 
 
-def _shape(_: Measured, *names: str) -> dict[str, Any]:
+def _shape(_: Measured, *names: str) -> Entries:
     """Return the size of a figure of several ROCs, a panel each."""
     columns = 3 if len(names) > 4 else min(len(names), 2)
     rows = -(-len(names) // columns)
@@ -53,8 +52,7 @@ def lane_figure(panels: Panels, measured: Measured) -> None:
     for axes, image, name in zip(panels, site.image, POLARIZATIONS, strict=True):
         level = 20 * np.log10(np.maximum(image[0][rows], 1e-6))
         level -= np.median(level)
-        extent = (0, end, *site.grid.x[[0, -1]])
-        shown = show(axes, level.T, extent, -5, 25, cmap="viridis")
+        shown = show(axes, level.T, (0, end), site.grid.x, -5, 25, cmap="viridis")
         axes.plot(*beside.T[::-1], "^", mfc="none", mec="#ffb347", ms=9)
         for x, y, kind, depth in shown_mines[["x", "y", "kind", "depth"]].to_numpy():
             where = "surface" if depth < -0.05 else f"{100 * depth:.0f} cm"
@@ -104,7 +102,7 @@ def templates_figure(panels: Panels, measured: Measured) -> None:
     axes.figure.supylabel("cross-track, m")
 
 
-def _draw_template(axes: Axes, template: NDArray[Any], settings: Settings) -> None:
+def _draw_template(axes: Axes, template: AnyArray, settings: Settings) -> None:
     """Draw a template with its ellipse."""
     dx, dy = settings.spacing
     half_y = template.shape[0] * dy / 2

@@ -8,16 +8,15 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from flgpr.features import max_correlation, mean_template, principal_templates
 from flgpr.scoring import example_roc
+from flgpr.types import AnyArray, BoolArray, Entries, FloatArray, floats
 from flgpr_papers.flsar2004.examples import Site, make_templates, open_examples
 from flgpr_papers.flsar2004.lanes import Settings
 from flgpr_papers.flsar2004.machines import Examples, HeldOut
-from flgpr_papers.kit.findings import Finding, finding_of
+from flgpr_papers.kit.findings import Finding, Statements, finding_of
 from flgpr_papers.kit.intervals import Interval, percentiles
-from flgpr_papers.kit.statements import Statements
 
 SHALLOW = 0.06
 """Depth down to which the paper's first three depths lie, m, with their scatter."""
@@ -37,7 +36,7 @@ class Results:
     partial: dict[str, Interval] = field(default_factory=dict)
     #: partial areas of scores that know nothing
     chance: dict[str, float] = field(default_factory=dict)
-    notes: dict[str, Any] = field(default_factory=dict)  #: further numbers that the page shows
+    notes: Entries = field(default_factory=dict)  #: further numbers that the page shows
     #: columns of each ROC by figure and label
     curves: dict[str, dict[str, dict[Any, Any]]] = field(default_factory=dict)
 
@@ -56,7 +55,7 @@ class Results:
         curve = roc(scores, area, targets)
         self.curves.setdefault(figure, {})[label] = curve.to_dict("list")
 
-    def add_areas(self, name: str, scores: HeldOut, measure: Measure, count: int) -> None:
+    def add_areas(self, name: str, scores: HeldOut, measure: Measure) -> None:
         """Add both areas under a ROC, and the partial one that chance gives.
 
         Parameters
@@ -67,14 +66,12 @@ class Results:
             Scores of held-out examples.
         measure : Measure
             The partial area.
-        count : int
-            Number of bootstrap draws.
         """
-        self.areas[name] = auc_interval(scores, count)
-        self.partial[name] = measure.interval(scores, count)
+        self.areas[name] = auc_interval(scores, measure.draws)
+        self.partial[name] = measure.interval(scores)
         self.chance[name] = measure.chance(scores)
 
-    def add(self, record: dict[str, Any]) -> None:
+    def add(self, record: Entries) -> None:
         """Add the results of another part, as read from JSON."""
         self.findings += [finding_of(row) for row in record["findings"]]
         for name in ("areas", "partial", "chance", "notes", "curves"):
@@ -87,7 +84,7 @@ class Material:
 
     settings: Settings
     sites: list[Site]  #: both sites
-    templates: list[NDArray[Any]]  #: templates of each
+    templates: list[AnyArray]  #: templates of each
     examples: list[Examples]  #: examples without prescreener of each
 
     @property
@@ -97,15 +94,16 @@ class Material:
 
     def measure(self, examples: Examples) -> Measure:
         """Return the partial area under the ROC of examples without prescreener."""
-        return Measure(open_area(examples, self.settings))
+        return Measure(open_area(examples, self.settings), draws=self.draws)
 
 
 def prepare(settings: Settings, sites: list[Site]) -> Material:
     """Make the templates and the examples without prescreener of both sites."""
     templates = [make_templates(settings, site) for site in sites]
-    examples = []
-    for site, site_templates in zip(sites, templates, strict=True):
-        examples.append(open_examples(settings, site, site_templates))
+    examples = [
+        open_examples(settings, site, site_templates)
+        for site, site_templates in zip(sites, templates, strict=True)
+    ]
     return Material(settings, sites, templates, examples)
 
 
@@ -128,18 +126,19 @@ def pick_examples(
     columns : str
         Polarization of the features: "HH", "VV" or "both".
     """
-    table, X = examples
-    is_mine = table["kind"].isin(kinds) & table["depth"].between(*depth)
-    rows = np.flatnonzero(is_mine | (table["kind"] == "clutter"))
-    half = X.shape[1] // 2
+    table = examples.table
+    is_chosen = table["kind"].isin(kinds) & table["depth"].between(*depth)
+    chosen = examples.rows(np.flatnonzero(is_chosen | ~examples.is_mine))
+    half = chosen.X.shape[1] // 2
     halves = {"both": slice(None), "HH": slice(0, half), "VV": slice(half, None)}
-    return _rows_of(examples, rows)[0], X[rows][:, halves[columns]]
+    return Examples(chosen.table, chosen.X[:, halves[columns]])
 
 
 def open_area(examples: Examples, settings: Settings) -> float:
     """Return the area of the clutter tiles, m²: what was searched beside the mines."""
-    count = int((examples[0]["kind"] == "clutter").sum())
-    return count * settings.features.region[0] * settings.features.region[1]
+    return (
+        int((~examples.is_mine).sum()) * settings.features.region[0] * settings.features.region[1]
+    )
 
 
 def thin_examples(examples: Examples, most: tuple[int, int], seed: int) -> Examples:
@@ -154,22 +153,14 @@ def thin_examples(examples: Examples, most: tuple[int, int], seed: int) -> Examp
     seed : int
         Seed of the draw.
     """
-    is_clutter = (examples[0]["kind"] == "clutter").to_numpy()
     rng = np.random.default_rng(seed)
     drawn = []
-    for is_kind, count in zip((~is_clutter, is_clutter), most, strict=True):
+    for is_kind, count in zip((examples.is_mine, ~examples.is_mine), most, strict=True):
         rows = np.flatnonzero(is_kind)
         drawn.append(rng.choice(rows, min(count, len(rows)), False))
-    return _rows_of(examples, np.sort(np.concatenate(drawn)))
+    return examples.rows(np.sort(np.concatenate(drawn)))
 
 
-def _rows_of(examples: Examples, rows: NDArray[Any]) -> Examples:
-    """Return some of the examples."""
-    table, X = examples
-    return pd.DataFrame(table.iloc[rows]).reset_index(drop=True), X[rows]
-
-
-FloatArray = NDArray[np.float64]
 FAR_LIMIT = 0.07
 """False alarms per m² up to which areas are taken.
 
@@ -204,7 +195,7 @@ def _wins(scores: HeldOut) -> FloatArray:
     """
     above = scores.mine[:, None, None] > scores.clutter[None]
     equal = scores.mine[:, None, None] == scores.clutter[None]
-    return np.asarray((above + 0.5 * equal).mean(axis=2))
+    return (above + 0.5 * equal).mean(axis=2)
 
 
 def auc(scores: HeldOut) -> float:
@@ -223,7 +214,7 @@ def _draws(scores: HeldOut, count: int, seed: int) -> tuple[FloatArray, FloatArr
     m = len(scores.tile)
     mines = rng.multinomial(n, np.full(n, 1 / n), count)[:, code]
     clutter = rng.multinomial(m, np.full(m, 1 / m), count)
-    return mines.astype(float), clutter.astype(float)
+    return floats(mines), floats(clutter)
 
 
 def auc_interval(scores: HeldOut, count: int) -> Interval:
@@ -250,6 +241,7 @@ class Measure:
     #: whether the number is Pd at ``far``, or else the mean Pd over 0 to ``far``, the partial area
     #: over its width
     at: bool = False
+    draws: int = 1000  #: bootstrap draws of its intervals
 
     def chance(self, scores: HeldOut) -> float:
         """Return the number of scores that know nothing of the mines."""
@@ -283,7 +275,7 @@ class Measure:
         order = order[: int(4 * allowed) + 20 * repeats]
         output = scores.clutter.ravel()[order]
         tile = order // repeats
-        above = (scores.mine[:, None] > output).astype(float)
+        above = floats(scores.mine[:, None] > output)
         above += 0.0 if self.at else 0.5 * (scores.mine[:, None] == output)
         share = mines / mines.sum(axis=1, keepdims=True)
         pd_without_limit = share @ np.isfinite(scores.mine)
@@ -310,7 +302,7 @@ class Measure:
         tiles = np.ones((1, len(scores.tile)))
         return float(self.of(scores, mines, tiles)[0])
 
-    def interval(self, scores: HeldOut, count: int) -> Interval:
+    def interval(self, scores: HeldOut) -> Interval:
         """Return the number with its bootstrap interval over mines and clutter examples.
 
         Both looks at a mine are drawn together.
@@ -319,41 +311,32 @@ class Measure:
         ----------
         scores : HeldOut
             Scores of mines and clutter.
-        count : int
-            Number of draws.
         """
-        return percentiles(self.value(scores), self.of(scores, *_draws(scores, count, 1)))
+        return percentiles(self.value(scores), self.of(scores, *_draws(scores, self.draws, 1)))
+
+    def difference(self, a: HeldOut, b: HeldOut) -> Interval:
+        """Return the number of a classifier less that of another, with its bootstrap interval.
+
+        Mines and clutter that both scored are drawn together, others apart.
+
+        Parameters
+        ----------
+        a, b : HeldOut
+            Scores of the two classifiers.
+        """
+        has_same_mines = np.array_equal(a.target, b.target)
+        has_same_clutter = a.tile.size == b.tile.size
+        first_mines, first_tiles = _draws(a, self.draws, 1)
+        second_mines, second_tiles = _draws(b, self.draws, 2)
+        if has_same_mines:
+            second_mines = first_mines
+            if has_same_clutter:
+                second_tiles = first_tiles
+        drawn = self.of(a, first_mines, first_tiles) - self.of(b, second_mines, second_tiles)
+        return percentiles(self.value(a) - self.value(b), drawn)
 
 
-def difference(a: HeldOut, b: HeldOut, measure: Measure, count: int) -> Interval:
-    """Return the number of a classifier less that of another, with its bootstrap interval.
-
-    Mines and clutter that both scored are drawn together, others apart.
-
-    Parameters
-    ----------
-    a, b : HeldOut
-        Scores of the two classifiers.
-    measure : Measure
-        The number.
-    count : int
-        Number of bootstrap draws.
-    """
-    has_same_mines = np.array_equal(a.target, b.target)
-    has_same_clutter = a.tile.size == b.tile.size
-    first_mines, first_tiles = _draws(a, count, 1)
-    second_mines, second_tiles = _draws(b, count, 2)
-    if has_same_mines:
-        second_mines = first_mines
-        if has_same_clutter:
-            second_tiles = first_tiles
-    draws = measure.of(a, first_mines, first_tiles) - measure.of(b, second_mines, second_tiles)
-    return percentiles(measure.value(a) - measure.value(b), draws)
-
-
-def pd_count(
-    scores: HeldOut, area: float, far: float, chosen: NDArray[np.bool_]
-) -> tuple[int, int]:
+def pd_count(scores: HeldOut, area: float, far: float, chosen: BoolArray) -> tuple[int, int]:
     """Return how many of the chosen mines are found at an allowed FAR, and how many there are.
 
     Parameters
@@ -428,9 +411,9 @@ def _drawn_targets(table: pd.DataFrame, rng: np.random.Generator) -> pd.DataFram
     return pd.concat([table[table["target"] == name] for name in drawn])
 
 
-def _drawn_rows(chips: NDArray[Any], rng: np.random.Generator) -> NDArray[Any]:
+def _drawn_rows(chips: AnyArray, rng: np.random.Generator) -> AnyArray:
     """Draw as many signatures as there are."""
-    return np.asarray(chips[rng.integers(0, len(chips), len(chips))])
+    return chips[rng.integers(0, len(chips), len(chips))]
 
 
 def _stronger_share(table: pd.DataFrame, other: pd.DataFrame) -> float:
@@ -445,7 +428,7 @@ def _stronger_share(table: pd.DataFrame, other: pd.DataFrame) -> float:
     return wins / pairs if pairs else float("nan")
 
 
-def component_interval(chips: NDArray[Any], count: int) -> tuple[Interval, Interval]:
+def component_interval(chips: AnyArray, count: int) -> tuple[Interval, Interval]:
     """Return the first principal component's energy, and its cosine with the mean template.
 
     Both are means over polarizations and ranges. Mines are drawn anew in every bootstrap draw.
@@ -461,7 +444,7 @@ def component_interval(chips: NDArray[Any], count: int) -> tuple[Interval, Inter
     return share, cosine
 
 
-def _first_component(chips: NDArray[Any]) -> tuple[float, float]:
+def _first_component(chips: AnyArray) -> tuple[float, float]:
     """Return the first component's share of energy and its cosine with the mean template."""
     shares = []
     cosines = []
@@ -473,7 +456,7 @@ def _first_component(chips: NDArray[Any]) -> tuple[float, float]:
     return float(np.mean(shares)), float(np.mean(cosines))
 
 
-def likeness_interval(a: NDArray[Any], b: NDArray[Any], count: int) -> Interval:
+def likeness_interval(a: AnyArray, b: AnyArray, count: int) -> Interval:
     """Return the largest correlation of two sites' mean templates, with its interval over mines.
 
     It is the mean over polarizations and ranges.
@@ -488,7 +471,7 @@ def likeness_interval(a: NDArray[Any], b: NDArray[Any], count: int) -> Interval:
     return _resampled(_likeness, _drawn_rows, (a, b), min(count, 100), 4)[0]
 
 
-def _likeness(a: NDArray[Any], b: NDArray[Any]) -> float:
+def _likeness(a: AnyArray, b: AnyArray) -> float:
     """Return the largest correlation of mean templates, mean over polarizations and ranges."""
     s = mean_template(a)
     t = mean_template(b)

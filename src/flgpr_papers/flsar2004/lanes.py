@@ -9,7 +9,6 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from flgpr.clutter import self_signature
 from flgpr.clutter.background import scan_gain
@@ -28,12 +27,12 @@ from flgpr.model import (
 from flgpr.progress import Track, silent
 from flgpr.simulate import Scene
 from flgpr.simulate.simulator import Simulator
+from flgpr.types import ComplexArray
 from flgpr_papers.kit.cache import key_of, read_arrays, write_arrays
 from flgpr_papers.kit.scenes import turned
-from flgpr_papers.kit.settings import Table, packaged
+from flgpr_papers.kit.settings import Span, Table, packaged
 from flgpr_papers.kit.study_worlds import OWN, study_world
 
-FloatArray = NDArray[np.float64]
 RadiusIs = Literal["forming", "size"]
 _SIDE = 0.2  # m of a stop's image beyond the lane's, cross-track
 _BEYOND = 0.75  # m of a stop's image beyond half a step, down-track
@@ -55,8 +54,8 @@ class Mines(Table):
 class Features(Table):
     """Regions, templates and the subset that makes them."""
 
-    region: tuple[float, float]  #: size of a region, m
-    template: tuple[float, float]  #: size of a template, m
+    region: Span  #: size of a region, m
+    template: Span  #: size of a template, m
     share: float  #: share of the mines in the subset
     keep_off: float  #: least distance of clutter from mines, m
 
@@ -100,9 +99,9 @@ class Settings(Table):
     scenes: dict[str, str]
     ranges: tuple[float, ...]
     step: float
-    lane: tuple[float, float]
+    lane: Span
     pitch: float
-    spacing: tuple[float, float]
+    spacing: Span
     margin: float
     fiducial_x: float
     fiducial_pitch: float
@@ -139,7 +138,7 @@ class Pass:
     direction: str  #: "out" or "back"; the frame is that of the drive
     #: (polarization, range, y, x) in units of the scans' gain; the phase of the way to the pixel
     #: at the middle of the band is taken out
-    image: NDArray[np.complex64]
+    image: ComplexArray
     grid: Grid  #: pixels
     truth: pd.DataFrame  #: mines in the frame of the drive
     fiducials: pd.DataFrame  #: fiducials in the frame of the drive
@@ -216,7 +215,7 @@ def study_sensor(settings: Settings) -> Sensor:
     return sensor
 
 
-def fiducials(settings: Settings) -> list[tuple[float, float]]:
+def fiducials(settings: Settings) -> list[Span]:
     """Return x and y of the fiducials on both sides of a lane, m."""
     places = []
     for y in np.arange(settings.fiducial_pitch / 2, settings.length, settings.fiducial_pitch):
@@ -255,7 +254,7 @@ def _scene(settings: Settings, site: str) -> Scene:
 
 def lane_images(
     settings: Settings, simulator: Simulator, sensor: Sensor, grid: Grid, stops: Iterable[int]
-) -> NDArray[np.complex64]:
+) -> ComplexArray:
     """Image every stop and join one lane image per polarization and range.
 
     The self-signature is subtracted. A pixel of the image of range d comes from the stop that sees

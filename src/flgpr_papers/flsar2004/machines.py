@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
 from sklearn import config_context
 from sklearn.metrics import roc_auc_score
@@ -25,11 +24,10 @@ from flgpr.detect import (
     RelevanceVectorClassifier,
 )
 from flgpr.detect.one_class import FORMULATIONS
-from flgpr.scoring import splits
+from flgpr.scoring import Split, splits
+from flgpr.types import AnyArray, BoolArray, FloatArray
 from flgpr_papers.flsar2004.lanes import Classify
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 Scorer = Callable[[FloatArray], FloatArray]
 """A trained classifier: returns the scores (n,) of features (n, feature)."""
 Classifier = Callable[[FloatArray, BoolArray], tuple[Scorer, float]]
@@ -37,14 +35,32 @@ Classifier = Callable[[FloatArray, BoolArray], tuple[Scorer, float]]
 
 Returns the scorer and the share of the training examples that are vectors.
 """
-Examples = tuple[pd.DataFrame, FloatArray]
-"""Table of the examples, and their features (example, feature)."""
-Fold = tuple[Classifier, NDArray[Any], NDArray[Any]]
+Fold = tuple[Classifier, AnyArray, AnyArray]
 """A classifier, and the rows of the examples that train it and that it scores."""
 NOVELTY_RIVALS = (*(f"rvm, {name}" for name in FORMULATIONS), "svm", "gmm")
 """One-class machines: relevance vectors by formulation, support vectors, a Gaussian mixture."""
 _KERNEL = ("kernel", "gamma", "degree", "coef0")
 """Parameters of a kernel."""
+
+
+class Examples(NamedTuple):
+    """Examples and their features."""
+
+    table: pd.DataFrame  #: a row per example, with ``kind`` and ``target``
+    X: FloatArray  #: (n, feature) their features
+
+    @property
+    def is_mine(self) -> BoolArray:
+        """Which examples are mines."""
+        return np.asarray(self.table["kind"] != "clutter", dtype=np.bool_)
+
+    def names(self, rows: BoolArray) -> AnyArray:
+        """Return the names of the mines that some examples show."""
+        return self.table["target"].to_numpy(dtype=str)[rows]
+
+    def rows(self, rows: AnyArray) -> Examples:
+        """Return some of the examples."""
+        return Examples(pd.DataFrame(self.table.iloc[rows]).reset_index(drop=True), self.X[rows])
 
 
 @dataclass(frozen=True)
@@ -194,7 +210,7 @@ def sum_of_correlations(X: FloatArray, y: BoolArray) -> tuple[Scorer, float]:
     It shows what the features give without a machine: nothing is trained.
     """
     del X, y
-    return lambda new: np.asarray(new.sum(axis=1)), 0.0
+    return lambda new: new.sum(axis=1), 0.0
 
 
 def median_width(mines: FloatArray) -> float:
@@ -250,8 +266,8 @@ class HeldOut:
     mine: FloatArray  #: (n,) scores of the mines; -inf for one that a prescreener lost
     #: (m, repeats) scores of the clutter; a novelty detector scores it in every fold (par. 52)
     clutter: FloatArray
-    target: NDArray[Any]  #: (n,) name of the mine of each score
-    tile: NDArray[Any]  #: (m,) name of each clutter example
+    target: AnyArray  #: (n,) name of the mine of each score
+    tile: AnyArray  #: (m,) name of each clutter example
     vector_share: FloatArray  #: (fold,) share of the training examples that are vectors
 
     def of_mines(self, rows: BoolArray) -> HeldOut:
@@ -260,7 +276,7 @@ class HeldOut:
 
 
 def held_out(
-    table: pd.DataFrame, X: FloatArray, classifier: Classifier, folds: int, novelty: bool = False
+    examples: Examples, classifier: Classifier, folds: int, novelty: bool = False
 ) -> HeldOut:
     """Score every example by a classifier trained without its mine.
 
@@ -268,10 +284,8 @@ def held_out(
 
     Parameters
     ----------
-    table : DataFrame
-        The examples, with ``kind`` and ``target``.
-    X : (n, feature) ndarray
-        Their features.
+    examples : Examples
+        The examples.
     classifier : Classifier
         What is trained.
     folds : int
@@ -279,12 +293,12 @@ def held_out(
     novelty : bool
         Whether it is a novelty detector, which scores all clutter in every fold.
     """
-    groups = _mine_groups(table, folds)
-    return _scores(table, X, [(classifier, one.train, one.test) for one in groups], novelty)
+    groups = _mine_groups(examples, folds)
+    return _scores(examples, [(classifier, one.train, one.test) for one in groups], novelty)
 
 
 def leave_one_out(
-    table: pd.DataFrame, X: FloatArray, classifier: Classifier, folds: int, novelty: bool = False
+    examples: Examples, classifier: Classifier, folds: int, novelty: bool = False
 ) -> HeldOut:
     """Score every example by a classifier trained on all the others (par. 38 and 45).
 
@@ -296,37 +310,33 @@ def leave_one_out(
 
     Parameters
     ----------
-    table, X, classifier, novelty
+    examples, classifier, novelty
         As of :func:`held_out`.
     folds : int
         Number of groups that the mines are dealt to, for the choice of the kernels.
     """
-    y = _is_mine(table)
-    every = np.arange(len(table))
+    every = np.arange(len(examples.table))
     singles: list[Fold] = []
-    for group in _mine_groups(table, folds):
+    for group in _mine_groups(examples, folds):
         chosen = classifier
         if isinstance(classifier, TunedClassifier):
-            chosen = classifier.choose(X[group.train], y[group.train])
+            chosen = classifier.choose(examples.X[group.train], examples.is_mine[group.train])
         singles += [(chosen, every[every != n], every[n : n + 1]) for n in group.test]
-    return _scores(table, X, singles, novelty)
+    return _scores(examples, singles, novelty)
 
 
 def across(train: Examples, test: Examples, classifier: Classifier) -> HeldOut:
     """Train on the examples of one site and test on those of the other (par. 39)."""
-    table = pd.concat([train[0], test[0]], ignore_index=True)
-    rows = np.arange(len(table))
-    split = len(train[0])
-    X = np.concatenate([train[1], test[1]])
-    return _scores(table, X, [(classifier, rows[:split], rows[split:])])
+    table = pd.concat([train.table, test.table], ignore_index=True)
+    both = Examples(table, np.concatenate([train.X, test.X]))
+    training, tested = np.split(np.arange(len(table)), [len(train.table)])
+    return _scores(both, [(classifier, training, tested)])
 
 
-def _scores(
-    table: pd.DataFrame, X: FloatArray, folds: Sequence[Fold], novelty: bool = False
-) -> HeldOut:
+def _scores(examples: Examples, folds: Sequence[Fold], novelty: bool = False) -> HeldOut:
     """Score the test examples of every fold by what its classifier learns from the others."""
-    y = _is_mine(table)
-    score = np.full(len(table), np.nan)
+    X, y = examples.X, examples.is_mine
+    score = np.full(len(y), np.nan)
     shares = {}
     clutter_scores = []
     for classifier, train, test in folds:
@@ -341,20 +351,13 @@ def _scores(
     return HeldOut(
         mine=score[y & is_scored],
         clutter=clutter,
-        target=_names(table, y & is_scored),
+        target=examples.names(y & is_scored),
         tile=np.arange(len(clutter)).astype(str),
         vector_share=np.array([shares[first] for first in sorted(shares)]),
     )
 
 
-def retrained(
-    table: pd.DataFrame,
-    X: FloatArray,
-    classifier: Classifier,
-    folds: int,
-    draws: int,
-    seed: int = 0,
-) -> FloatArray:
+def retrained(examples: Examples, classifier: Classifier, folds: int, draws: int) -> FloatArray:
     """Return the area under the ROC (draw,) with mines and clutter drawn anew.
 
     The classifier is trained on what was drawn. Looks at one mine are drawn together, and all
@@ -362,17 +365,15 @@ def retrained(
 
     Parameters
     ----------
-    table, X, classifier, folds
+    examples, classifier, folds
         As of :func:`held_out`.
     draws : int
         Number of bootstrap draws.
-    seed : int
-        Seed of the draws.
     """
-    rng = np.random.default_rng(seed)
-    y = _is_mine(table)
-    targets = table["target"].to_numpy(dtype=str)
-    looks_of_mine = [np.flatnonzero(targets == name) for name in np.unique(_names(table, y))]
+    rng = np.random.default_rng(0)
+    X, y = examples.X, examples.is_mine
+    targets = examples.names(np.ones(len(y), np.bool_))
+    looks_of_mine = [np.flatnonzero(targets == name) for name in np.unique(targets[y])]
     clutter = np.flatnonzero(~y)
     areas = []
     for _ in range(draws):
@@ -411,17 +412,7 @@ def with_lost(scores: HeldOut, passed: pd.DataFrame, offered: pd.DataFrame) -> H
     return replace(scores, mine=np.array(mine_scores), target=target)
 
 
-def _mine_groups(table: pd.DataFrame, folds: int) -> list[Any]:
+def _mine_groups(examples: Examples, folds: int) -> list[Split]:
     """Return the folds, in which all looks at a mine are together."""
-    mines = np.unique(_names(table, _is_mine(table)))
-    return splits(table, "target", folds=min(folds, len(mines)))
-
-
-def _is_mine(table: pd.DataFrame) -> BoolArray:
-    """Return which examples are mines."""
-    return np.asarray(table["kind"] != "clutter", dtype=np.bool_)
-
-
-def _names(table: pd.DataFrame, is_mine: BoolArray) -> NDArray[Any]:
-    """Return the names of the mines, one per look."""
-    return table["target"].to_numpy(dtype=str)[is_mine]
+    mines = np.unique(examples.names(examples.is_mine))
+    return splits(examples.table, "target", folds=min(folds, len(mines)))

@@ -15,6 +15,7 @@ from typing import Any
 
 import flgpr
 from flgpr.progress import Track
+from flgpr.types import Entries
 from flgpr_papers.flsar2004 import figures
 from flgpr_papers.flsar2004.examples import join
 from flgpr_papers.flsar2004.experiment import PARTS
@@ -25,7 +26,7 @@ from flgpr_papers.kit.findings import in_words
 from flgpr_papers.kit.study import Outcome, Study
 
 
-def page_tables(settings: Settings, results: Results) -> dict[str, Any]:
+def page_tables(settings: Settings, results: Results) -> Entries:
     """Return what the template of the page takes."""
     notes = results.notes
     areas = []
@@ -79,7 +80,7 @@ def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
     )
 
 
-def _record(part: Callable[[Material], Results], material: Material) -> dict[str, Any]:
+def _record(part: Callable[[Material], Results], material: Material) -> Entries:
     """Run a part and return its results as JSON can hold them."""
     return asdict(part(material))
 

@@ -10,19 +10,16 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Rectangle
-from numpy.typing import NDArray
 
 from flgpr.clutter import TABLE_II
-from flgpr_papers.fuse2018.findings import PAPER_DB, power_db, strongest_boxes
+from flgpr.types import AnyArray, Arrays, Entries
+from flgpr_papers.fuse2018.findings import CONVENTIONS, PAPER_DB, power_db, scored, strongest_boxes
 from flgpr_papers.fuse2018.lanes import FuseRecipe, band_sensor
-from flgpr_papers.fuse2018.matches import CONVENTIONS, scored
 from flgpr_papers.fuse2018.process import LaneResult
 from flgpr_papers.fuse2018.suppression import VARIANTS, Calibration
-from flgpr_papers.kit.figures import Figures, chance_line, colour_bar, show, steps
+from flgpr_papers.kit.figures import Figures, Panels, chance_line, colour_bar, show, steps
 from flgpr_papers.kit.intervals import clustered
 
-Arrays = Mapping[str, NDArray[Any]]
-Panels = NDArray[Any]
 _figure = Figures("fuse2018")
 _RANGE = 40.0  # dB shown
 _RING = 0.5  # m, radius of the rings about mines: the halo of the ROC
@@ -55,13 +52,13 @@ class Measured:
     example: Arrays  #: what the figures show of one aperture
 
 
-def _rows(measured: Measured, titles: Mapping[str, str], columns: int) -> dict[str, Any]:
+def _rows(measured: Measured, titles: Mapping[str, str], columns: int) -> Entries:
     """Return rows and columns of panels for those images of the example that there are."""
     there = titles.keys() & measured.example.keys()
     return {"rows": -(-len(there) // columns), "columns": columns}
 
 
-def _columns(measured: Measured) -> dict[str, Any]:
+def _columns(measured: Measured) -> Entries:
     """Return a column of panels for every lane."""
     return {"columns": len(measured.lanes)}
 
@@ -230,28 +227,22 @@ def variants_roc_figure(panels: Panels, measured: Measured) -> None:
         axes.set_title(f"lane {lane.name}, {title}", fontsize=9)
 
 
-def _image(axes: Axes, example: Arrays, magnitude: NDArray[Any], top: float | None = None) -> Any:
+def _image(axes: Axes, example: Arrays, magnitude: AnyArray, top: float | None = None) -> Any:
     """Draw a magnitude in dB under its top."""
     level = 20 * np.log10(np.maximum(magnitude / (top or magnitude.max()), 1e-8))
-    return show(axes, level, _extent(example), -_DEEP, 0, cmap="viridis")
+    return show(axes, level, example["x_axis"], example["y_axis"], -_DEEP, 0, cmap="viridis")
 
 
-def _mask(axes: Axes, example: Arrays, mask: NDArray[Any], title: str) -> None:
+def _mask(axes: Axes, example: Arrays, mask: AnyArray, title: str) -> None:
     """Draw a mask."""
-    show(axes, mask, _extent(example), 0, 1, cmap="gray")
+    show(axes, mask, example["x_axis"], example["y_axis"], 0, 1, cmap="gray")
     axes.set_title(title, fontsize=10)
-
-
-def _extent(example: Arrays) -> tuple[float, float, float, float]:
-    """Return the edges of an example's images, m."""
-    x = example["x_axis"]
-    y = example["y_axis"]
-    return float(x[0]), float(x[-1]), float(y[0]), float(y[-1])
 
 
 def _dress(axes: Axes, example: Arrays, boxes: bool = False) -> None:
     """Mark mines, and the boxes if wanted, on an image."""
-    x_min, x_max, y_min, y_max = _extent(example)
+    x_min, x_max = example["x_axis"][[0, -1]]
+    y_min, y_max = example["y_axis"][[0, -1]]
     for x, y in example["mines"]:
         if x_min <= x <= x_max and y_min <= y <= y_max:
             # A ring of the halo leaves the mine to be seen; a black rim shows on bright ground.

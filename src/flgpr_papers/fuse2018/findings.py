@@ -6,19 +6,19 @@ The statements and their rules are declared in ``statements.toml``.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtrit
 
 from flgpr.clutter import TABLE_II
-from flgpr.scoring import compare
+from flgpr.scoring import Comparison, Match, accumulated_area, compare, match, roc_of, unroll_frames
+from flgpr.screen import prescreen
+from flgpr.screen.views import view_array
+from flgpr.types import ArrayLike, Entries, FloatArray, floats
 from flgpr_papers.fuse2018.lanes import FuseRecipe
-from flgpr_papers.fuse2018.matches import CONVENTIONS, HITS, compared, lane_match, track_match
 from flgpr_papers.fuse2018.process import LaneResult
-from flgpr_papers.kit.findings import Finding, in_words
+from flgpr_papers.kit.findings import Finding, Statements, in_words
 from flgpr_papers.kit.intervals import (
     SHARE_DIFFERENCE,
     Interval,
@@ -27,9 +27,212 @@ from flgpr_papers.kit.intervals import (
     difference_of_means,
     together,
 )
-from flgpr_papers.kit.statements import Statements
 
-FloatArray = NDArray[np.float64]
+CONVENTIONS = {
+    "frames": "area accumulated over all frames (Sec. 4)",
+    "lane": "lane area, every place once",
+}
+"""Conventions of the area of FAR, and how they are called in full."""
+HITS = 2
+"""Frames in which an alarm must appear to be declared, where alarms are followed over frames."""
+_BLOCK = 100.0  # m of the unrolled lane: ten frames
+
+
+def frame_match(lane: LaneResult, variant: str, recipe: FuseRecipe) -> Match:
+    """Match a variant's alarms frame by frame.
+
+    Every frame's detection area gets a stretch of its own on an unrolled lane, so that the same
+    ground counts again in every frame, as in the paper. Neighbouring frames, which see the same
+    clutter, stay together when stretches of lane are resampled.
+
+    Parameters
+    ----------
+    lane : LaneResult
+        Results of the lane.
+    variant : str
+        Name of the variant.
+    recipe : FuseRecipe
+        The study.
+
+    Returns
+    -------
+    Match
+        Alarms and looks; column ``mine`` of the truth names the mine, ``inside`` the looks in the
+        detection area.
+    """
+    score = recipe.score
+    used = np.flatnonzero(np.isfinite(lane.poses[:, 0]))
+    poses = {int(frame): lane.poses[frame] for frame in used}
+    alarms = lane.alarms[lane.alarms["variant"] == variant]
+    alarms = alarms.rename(columns={"magnitude": "confidence"})
+    columns = ["frame", "across", "ahead", "confidence"]
+    frames = unroll_frames(alarms[columns], poses, lane.truth, recipe.area, score.halo / 2)
+    return match(frames.alarms, frames.looks, frames.lane, score.halo, halo_as="diameter")
+
+
+def lane_match(lane: LaneResult, variant: str, recipe: FuseRecipe) -> Match:
+    """Match a variant's alarms on the lane's map, every position once.
+
+    The parameters are those of :func:`frame_match`.
+    """
+    level = lane.maps[variant]
+    area = recipe.lane
+    view = view_array(level, np.isfinite(level).astype(np.int64), recipe.map_grid, {})
+    alarms = prescreen(view, area, recipe.score.radius, density=10.0)
+    alarms = alarms[area.contains(alarms["x"], alarms["y"])]
+    alarms = alarms.assign(confidence=alarms["magnitude"])
+    return match(alarms, _lane_truth(lane), area, recipe.score.halo, halo_as="diameter")
+
+
+def track_match(lane: LaneResult, variant: str, recipe: FuseRecipe) -> Match:
+    """Match a variant's alarms, followed over frames, every position once.
+
+    The parameters are those of :func:`frame_match`.
+    """
+    alarms = lane.alarms[lane.alarms["variant"] == variant]
+    tracks = follow(alarms, recipe.score.halo / 2, HITS)
+    tracks = tracks[recipe.lane.contains(tracks["x"], tracks["y"])]
+    return match(tracks, _lane_truth(lane), recipe.lane, recipe.score.halo, halo_as="diameter")
+
+
+def _lane_truth(lane: LaneResult) -> pd.DataFrame:
+    """Return the truth of a lane with the columns of :func:`frame_match`."""
+    return lane.truth.assign(mine=lane.truth["target_id"], inside=True)
+
+
+def scored(
+    lane: LaneResult, variant: str, recipe: FuseRecipe, convention: str
+) -> tuple[Match, pd.DataFrame, dict[str, object]]:
+    """Score a variant on a lane by a convention of FAR.
+
+    Parameters
+    ----------
+    lane, variant, recipe
+        As of :func:`frame_match`.
+    convention : str
+        One of ``CONVENTIONS``.
+
+    Returns
+    -------
+    matched : Match
+        The alarms matched to looks or mines.
+    curve : DataFrame
+        The ROC.
+    options : dict
+        Options of `flgpr.scoring.compare` that belong to the convention.
+    """
+    if convention == "frames":
+        matched = frame_match(lane, variant, recipe)
+        total = accumulated_area(lane.frames, recipe.score.x, recipe.score.y)
+        area: dict[str, object] = {"area": "frames", "frame_area": total}
+        options = {**area, "block": _BLOCK, "cluster": "mine"}
+    else:
+        matched = lane_match(lane, variant, recipe)
+        area = {"area": "union"}
+        options = {**area, "block": 10.0, "cluster": "mine"}
+    inside = matched.truth["inside"].to_numpy(dtype=bool)
+    curve = roc_of(matched, inside, shared="count", **area)  # type: ignore[arg-type]
+    return matched, curve, options
+
+
+def compared(
+    lane: LaneResult, first: str, second: str, recipe: FuseRecipe, convention: str
+) -> Comparison:
+    """Compare two variants on a lane by a convention of FAR.
+
+    Parameters
+    ----------
+    lane : LaneResult
+        Results of the lane.
+    first, second : str
+        Names of the variants.
+    recipe : FuseRecipe
+        The study.
+    convention : str
+        One of ``CONVENTIONS``.
+    """
+    first_match, _, options = scored(lane, first, recipe, convention)
+    second_match, _, _ = scored(lane, second, recipe, convention)
+    inside = first_match.truth["inside"].to_numpy(dtype=bool)
+    return compare(
+        first_match,
+        second_match,
+        inside,
+        far_max=recipe.score.far_max,
+        far=recipe.score.far,
+        draws=recipe.boxes.draws,
+        **options,  # type: ignore[arg-type]
+    )
+
+
+def follow(alarms: pd.DataFrame, gate: float, hits: int) -> pd.DataFrame:
+    """Join the alarms of frames into tracks that stand still in the lane frame.
+
+    Frame by frame, each alarm, strongest first, continues the nearest track within the gate that
+    has none of this frame yet, or begins one. A track stands at the mean of its alarms, weighed by
+    magnitude. Its confidence is the ``hits``-th largest of its magnitudes: at a threshold, the
+    tracks are declared of which so many frames exceed it.
+
+    Parameters
+    ----------
+    alarms : DataFrame
+        ``frame``, ``x``, ``y`` (m, lane frame) and ``magnitude``.
+    gate : float
+        Largest distance of an alarm from its track, m.
+    hits : int
+        Least number of frames of a track.
+
+    Returns
+    -------
+    DataFrame
+        ``x``, ``y`` (m), ``confidence`` and ``frames``; tracks of fewer frames are left out.
+    """
+    tracks: list[list[FloatArray]] = []
+    by_magnitude = alarms.sort_values("magnitude", ascending=False, kind="stable")
+    for _, frame in by_magnitude.groupby("frame", sort=True):
+        positions = np.array([_track_position(track) for track in tracks]).reshape(-1, 2)
+        is_free = np.ones(len(positions), dtype=bool)
+        for alarm in floats(frame[["x", "y", "magnitude"]]):
+            distance = np.where(is_free, np.hypot(*(positions - alarm[:2]).T), np.inf)
+            if distance.size and distance.min() <= gate:
+                nearest = int(distance.argmin())
+                tracks[nearest].append(alarm)
+                is_free[nearest] = False
+            else:
+                tracks.append([alarm])
+    rows = []
+    for track in tracks:
+        if len(track) >= hits:
+            magnitudes = [magnitude for *_, magnitude in track]
+            rows.append((*_track_position(track), np.sort(magnitudes)[-hits], len(track)))
+    return pd.DataFrame(rows, columns=["x", "y", "confidence", "frames"])
+
+
+def _track_position(track: Sequence[FloatArray]) -> FloatArray:
+    """Return the position of a track, weighed by the magnitudes of its alarms."""
+    points = np.array(track)
+    return np.average(points[:, :2], axis=0, weights=points[:, 2])
+
+
+def pooled(lanes: Sequence[LaneResult], table: str, name: str = "target") -> pd.DataFrame:
+    """Return a table of several lanes.
+
+    Parameters
+    ----------
+    lanes : sequence of LaneResult
+        Results of the lanes.
+    table : str
+        Name of the table.
+    name : str
+        Its column with the name of a mine or an object.
+
+    Returns
+    -------
+    DataFrame
+        The rows of all lanes, with ``lane`` and with ``cluster``, the mine or object by lane.
+    """
+    rows = pd.concat([getattr(lane, table).assign(lane=lane.name) for lane in lanes])
+    return rows.assign(cluster=rows["lane"] + rows[name].astype(str))
 
 
 def strongest_boxes(lanes: Sequence[LaneResult]) -> pd.DataFrame:
@@ -43,24 +246,19 @@ def strongest_boxes(lanes: Sequence[LaneResult]) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        ``lane``, ``frame``, ``side``, ``object``, the power at every stage and of every variant,
-        and ``cluster``, the object by lane.
+        ``lane``, ``frame``, ``side``, ``object``, ``cluster``, the object by lane, and the power at
+        every stage and of every variant.
     """
-    tables = []
-    for lane in lanes:
-        if lane.boxes.empty:
-            continue
-        wide = lane.boxes.pivot_table(
-            index=["frame", "side", "object"], columns="stage", values="power"
-        ).reset_index()
-        best = wide.loc[wide.groupby(["frame", "side"])["#0"].idxmax()]
-        tables.append(best.assign(lane=lane.name, cluster=lane.name + best["object"].astype(str)))
-    return pd.concat(tables, ignore_index=True)
+    rows = pooled([lane for lane in lanes if len(lane.boxes)], "boxes", "object")
+    of_box = ["lane", "frame", "side", "object", "cluster"]
+    wide = rows.pivot_table(index=of_box, columns="stage", values="power").reset_index()
+    strongest = wide.groupby(of_box[:3])["#0"].idxmax()
+    return wide.loc[strongest].reset_index(drop=True)
 
 
 def power_db(boxes: pd.DataFrame, stage: str) -> FloatArray:
     """Return the power in boxes at a stage over that of the original image, dB."""
-    return np.asarray(10 * np.log10(boxes[stage].to_numpy() / boxes["#0"].to_numpy()))
+    return 10 * np.log10(boxes[stage].to_numpy() / boxes["#0"].to_numpy())
 
 
 def mean_over_boxes(
@@ -80,15 +278,10 @@ def mine_changes(lanes: Sequence[LaneResult], variant: str) -> tuple[FloatArray,
     variant : str
         Name of the variant.
     """
-    changes = []
-    mines = []
-    for lane in lanes:
-        wide = lane.mines.pivot_table(
-            index=["frame", "target"], columns="variant", values="peak"
-        ).reset_index()
-        changes.append(20 * np.log10(wide[variant].to_numpy() / wide["original"].to_numpy()))
-        mines.append(lane.name + wide["target"].astype(str))
-    return np.concatenate(changes), pd.concat(mines, ignore_index=True)
+    of_look = ["lane", "frame", "target", "cluster"]
+    wide = pooled(lanes, "mines").pivot_table(index=of_look, columns="variant", values="peak")
+    wide = wide.reset_index()
+    return 20 * np.log10(wide[variant].to_numpy() / wide["original"].to_numpy()), wide["cluster"]
 
 
 def mine_powers(lanes: Sequence[LaneResult], variant: str) -> tuple[FloatArray, pd.Series]:
@@ -96,10 +289,9 @@ def mine_powers(lanes: Sequence[LaneResult], variant: str) -> tuple[FloatArray, 
 
     The parameters are those of :func:`mine_changes`.
     """
-    tables = [lane.mines.assign(lane=lane.name) for lane in lanes]
-    rows = pd.concat(tables)
+    rows = pooled(lanes, "mines")
     rows = rows[rows["variant"] == variant]
-    return 10 * np.log10(rows["power"].to_numpy()), rows["lane"] + rows["target"].astype(str)
+    return 10 * np.log10(rows["power"].to_numpy()), rows["cluster"]
 
 
 def own_changes(lanes: Sequence[LaneResult], variant: str) -> tuple[FloatArray, pd.Series]:
@@ -112,11 +304,9 @@ def own_changes(lanes: Sequence[LaneResult], variant: str) -> tuple[FloatArray, 
     variant : str
         Name of the variant.
     """
-    tables = []
-    for lane in lanes:
-        tables.append(lane.own[lane.own["variant"] == variant].assign(lane=lane.name))
-    rows = pd.concat(tables)
-    return rows["change_db"].to_numpy(dtype=np.float64), rows["lane"] + rows["target"].astype(str)
+    rows = pooled(lanes, "own")
+    rows = rows[rows["variant"] == variant]
+    return floats(rows["change_db"]), rows["cluster"]
 
 
 def frame_spread(boxes: pd.DataFrame, values: FloatArray) -> float:
@@ -133,22 +323,17 @@ def frame_spread(boxes: pd.DataFrame, values: FloatArray) -> float:
     values : (box,) ndarray
         A value for each box, dB.
     """
-    means = _frame_means(boxes, values)
+    frames = boxes.assign(value=values).groupby(["lane", "frame"])["value"].agg(["mean", "count"])
+    means = frames.loc[frames["count"] == 2, "mean"]
     if len(means) < 2:
         return 0.0
     return float(stdtrit(len(means) - 1, 0.975) * means.std())
 
 
-def _frame_means(boxes: pd.DataFrame, values: FloatArray) -> pd.Series:
-    """Return the mean of a frame's two boxes, where it has two."""
-    frames = boxes.assign(value=values).groupby(["lane", "frame"])["value"].agg(["mean", "count"])
-    return frames.loc[frames["count"] == 2, "mean"]
-
-
-def with_interval(interval: Interval, unit: str = " dB", digits: int = 1) -> str:
-    """Format a value with its interval in a fixed number of decimals."""
-    value, low, high = (f"{number:z.{digits}f}" for number in interval)
-    return f"{value}{unit} ({low} to {high})"
+def with_interval(interval: Interval) -> str:
+    """Format a level with its interval, dB."""
+    value, low, high = (f"{number:z.1f}" for number in interval)
+    return f"{value} dB ({low} to {high})"
 
 
 PAPER_DB = 26.5
@@ -258,7 +443,7 @@ def clutter_findings(boxes: pd.DataFrame, recipe: FuseRecipe) -> list[Finding]:
         )
         findings.append(finding)
     less = power_db(boxes, "iteration 1") - seventh
-    counts: dict[str, Any] = {"count": len(boxes), "objects": boxes["cluster"].nunique()}
+    counts: Entries = {"count": len(boxes), "objects": boxes["cluster"].nunique()}
     others = [f"#{number}" for number in TABLE_II if number != 6]
     gaps = {}
     for name in others:
@@ -278,8 +463,7 @@ def _band_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Find
 
     It is how the bands tell buried targets from clutter, and what the fundamental part covers.
     """
-    table = pd.concat([lane.bands.assign(lane=lane.name) for lane in lanes])
-    table["cluster"] = table["lane"] + table["name"].astype(str)
+    table = pooled(lanes, "bands", "name")
     clutter, mines = [table[table["what"] == what] for what in ("clutter", "mine")]
     findings = []
     for band, title in (("vh", "L band VH"), ("x", "X band")):
@@ -328,17 +512,18 @@ def _mine_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Find
         mines=targets.nunique(),
         halo=with_interval(halo),
     )
-    looks = pd.concat([lane.mines.assign(lane=lane.name) for lane in lanes])
+    looks = pooled(lanes, "mines")
     looks = looks[looks["variant"] == "original"]
-    masked = clustered(looks["masked"], looks["lane"] + looks["target"].astype(str), draws)
+    masked = clustered(looks["masked"], looks["cluster"], draws)
     return [kept, STATEMENTS.number("spares-targets", masked, looks=len(looks))]
 
 
 def _mines_alone_finding(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Finding:
     """Return how what a mine alone gives at its peak changes by variant."""
-    changes = {}
-    for variant in _FOLLOWED:
-        changes[variant] = clustered(*own_changes(lanes, variant), recipe.boxes.draws)
+    changes = {
+        variant: clustered(*own_changes(lanes, variant), recipe.boxes.draws)
+        for variant in _FOLLOWED
+    }
     texts = [f"{variant} {with_interval(change)}" for variant, change in changes.items()]
     return STATEMENTS.number("alone", changes["least squares"], changes="; ".join(texts))
 
@@ -352,7 +537,7 @@ def _power_findings(
     it did.
     """
     courses = pd.concat([lane.courses[lane.courses["variant"] == "iteration"] for lane in lanes])
-    counts: dict[str, Any] = dict((courses[["rises", "diverged", "fallen"]] > 0).sum())
+    counts: Entries = dict((courses[["rises", "diverged", "fallen"]] > 0).sum())
     findings = []
     for name, question in STATEMENTS.declared.items():
         if "better" in question:

@@ -14,28 +14,23 @@ from typing import Annotated, Any, cast
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 from pydantic import Field
 
 from flgpr.engine import Engine
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.model import Grid, Lane, Sensor, check_tones, ground_points, lane_to_scan, load_sensor
+from flgpr.model.bounds import AtLeastOne, NotNegative, Positive
 from flgpr.progress import Track
 from flgpr.recipe.schema import Recipe, recipe_text
 from flgpr.simulate import EVEN, Scene, Simulator, draw_world, world_description
 from flgpr.stages.masks import MaskedSuppression
 from flgpr.store import open_run
-from flgpr.types import Arrays
+from flgpr.types import Arrays, ComplexArray, FloatArray
 from flgpr_papers.kit.cache import key_of, read_arrays, store_lane, write_arrays
-from flgpr_papers.kit.settings import Table, packaged
+from flgpr_papers.kit.settings import Span, Table, packaged
 from flgpr_papers.kit.study_worlds import OWN, study_world
 
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
-Span = tuple[float, float]
 BANDS = ("l", "x")
-ComplexArray = NDArray[np.complex64]
-FloatArray = NDArray[np.float64]
 
 
 class Radar(Table):
@@ -54,7 +49,7 @@ class Lanes(Table):
     length: Positive
     half_width: Positive
     depths: tuple[float, ...]
-    mines: Annotated[int, Field(ge=1)]
+    mines: AtLeastOne
     site: str
     bushes: NotNegative
     posts: NotNegative
@@ -113,8 +108,8 @@ class Study(Table):
     """Which apertures are cleaned, and the looser navigation that is tried."""
 
     example: float  #: position along the lane of the frame that the figures show, m
-    every: Annotated[int, Field(ge=1)]  #: frames from aperture to aperture
-    loose_every: Annotated[int, Field(ge=1)]  #: the same with the looser navigation
+    every: AtLeastOne  #: frames from aperture to aperture
+    loose_every: AtLeastOne  #: the same with the looser navigation
     loose_position: Positive  #: deviation of its position, m
 
 
@@ -161,9 +156,9 @@ class FuseRecipe(Table):
             **dict(self.suppress),
         }
         tables["image"] |= image
-        stages = []
-        for stage in tables["clutter"]:
-            stages.append(stage | masks if stage["stage"] == "masks" else stage)
+        stages = [
+            stage | masks if stage["stage"] == "masks" else stage for stage in tables["clutter"]
+        ]
         tables["clutter"] = stages
         return Recipe.model_validate(tables)
 
@@ -226,9 +221,7 @@ def lane_scene(recipe: FuseRecipe, name: str, band: str) -> Scene:
     density = recipe.radar.scatterers
     if density is None and band == "x":
         density = recipe.radar.scatterers_x
-    draws = []
-    for depth in lanes.depths:
-        draws.append({"kind": "metal", "depth": depth, "count": lanes.mines})
+    draws = [{"kind": "metal", "depth": depth, "count": lanes.mines} for depth in lanes.depths]
     return Scene.model_validate(
         {
             "name": f"{name}-{band}",

@@ -1,29 +1,317 @@
-"""Process the frames of a lane, and what is kept on disk: thresholds, records and results."""
+"""Process the frames of a lane: what becomes of every aperture, and what is kept on disk."""
 
 from __future__ import annotations
 
 import json
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr.model import ground_points, lane_to_scan
+from flgpr.clutter import TABLE_II, above, extended_mask, fundamental_mask, roadside_level
+from flgpr.model import ground_points, lane_to_scan, scan_to_lane
 from flgpr.progress import Track
 from flgpr.recipe.schema import recipe_text
-from flgpr.screen import MeanViewSums
+from flgpr.screen import MeanViewSums, frame_alarms
 from flgpr.store import write_whole
-from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, simulate_lane
-from flgpr_papers.fuse2018.records import alarm_rows, aperture_rows
-from flgpr_papers.fuse2018.suppression import VARIANTS, Calibration, Cleaned, clean, stage_forms
-from flgpr_papers.kit.cache import Arrays, key_of, read_arrays, read_or_make, write_arrays
+from flgpr.types import AnyArray, Arrays, BoolArray, ComplexArray, Entries, FloatArray, floats
+from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, local, simulate_lane
+from flgpr_papers.fuse2018.suppression import (
+    VARIANTS,
+    Calibration,
+    Cleaned,
+    clean,
+    stage_forms,
+    suppressed_alone,
+)
+from flgpr_papers.kit.cache import key_of, read_arrays, read_or_make, write_arrays
 
-FloatArray = NDArray[np.float64]
+Rows = list[Entries]
+Halos = dict[str, tuple[Any, BoolArray, BoolArray]]
+"""Row of the truth, halo and box (y, x) of every mine in the detection area, by its name."""
+
+
+def roadside_objects(frames: Frames, pose: FloatArray, recipe: FuseRecipe) -> pd.DataFrame:
+    """Return the bushes and posts at the roadside whose boxes lie within a frame's image.
+
+    Parameters
+    ----------
+    frames : Frames
+        The lane's frames.
+    pose : (6,) ndarray
+        Pose of the frame.
+    recipe : FuseRecipe
+        The study.
+
+    Returns
+    -------
+    DataFrame
+        Rows of the lane's objects; ``x`` and ``y`` in the scan frame, m.
+    """
+    near, far = recipe.mask.roadside
+    margin = recipe.boxes.margin
+    y_min, y_max = recipe.image.y
+    objects = frames.objects[frames.objects["kind"].isin(["bush", "post"])]
+    x, y = local(objects, pose).T
+    is_inside = (np.abs(x) >= near) & (np.abs(x) <= far - margin)
+    is_inside &= (y >= y_min + margin) & (y <= y_max - margin)
+    return objects.assign(x=x, y=y)[is_inside]
+
+
+def stage_images(cleaned: Cleaned, chosen: BoolArray) -> dict[str, ComplexArray]:
+    """Image the iterations, and the combinations of Table II as printed, on some pixels.
+
+    Parameters
+    ----------
+    cleaned : Cleaned
+        An aperture.
+    chosen : (y, x) ndarray of bool
+        The pixels.
+
+    Returns
+    -------
+    dict
+        Images (pixel,) by name: "iteration 0" and so on, "#0" and so on.
+    """
+    stack = cleaned.aperture.stack_on(cleaned.stage.points[chosen])
+    iterations = [
+        stack.adjoint(np.stack(frames))[0, 0]
+        for frames in zip(*(course.data for course in cleaned.courses), strict=True)
+    ]
+    images = {f"iteration {number}": image for number, image in enumerate(iterations)}
+    for number, members in TABLE_II.items():
+        images[f"#{number}"] = np.mean([iterations[member] for member in members], axis=0)
+    return images
+
+
+def aperture_rows(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> dict[str, Rows]:
+    """Return what becomes of roadside objects and mines in an aperture, as rows by table.
+
+    The tables are those of `flgpr_papers.fuse2018.process.LaneResult`: ``boxes``, the power in the
+    boxes of roadside objects at every stage and of every variant; ``mines``, the mines' peaks and
+    the power in boxes about them under each variant; ``own``, how the suppression changes what the
+    mines alone give at their peaks; ``bands``, how strong mines and objects are in VV, VH and X.
+
+    Parameters
+    ----------
+    cleaned : Cleaned
+        The aperture, cleaned.
+    frames : Frames
+        The lane's frames.
+    recipe : FuseRecipe
+        The study.
+    """
+    objects = roadside_objects(frames, cleaned.pose, recipe)
+    boxes = _boxes_of(objects, cleaned, recipe)
+    halos: Halos = {}
+    grid = cleaned.stage.grid
+    placed = zip(frames.truth.itertuples(), local(frames.truth, cleaned.pose), strict=True)
+    for target, position in placed:
+        if recipe.area.contains(*position):
+            distance = np.hypot(grid.x - position[0], grid.y[:, None] - position[1])
+            halo = distance <= recipe.score.halo / 2
+            halos[str(target.target_id)] = target, halo, _box(cleaned, position, recipe)
+    tables = {
+        "boxes": _box_rows(cleaned, objects, boxes) if boxes else [],
+        "mines": _mine_rows(cleaned, halos),
+        "own": _own_rows(cleaned, frames.mines, halos),
+        "bands": _band_rows(cleaned, objects, boxes, halos),
+    }
+    for row in chain.from_iterable(tables.values()):
+        row["frame"] = cleaned.index
+    return tables
+
+
+def _boxes_of(objects: pd.DataFrame, cleaned: Cleaned, recipe: FuseRecipe) -> list[BoolArray]:
+    """Return the pixels (y, x) of every object's square box."""
+    return [_box(cleaned, position, recipe) for position in objects[["x", "y"]].to_numpy()]
+
+
+def _box(cleaned: Cleaned, position: FloatArray, recipe: FuseRecipe) -> BoolArray:
+    """Return the pixels (y, x) of the square box about a position."""
+    grid = cleaned.stage.grid
+    half = recipe.boxes.side / 2
+    rows = np.abs(grid.y - position[1]) <= half
+    return rows[:, None] & (np.abs(grid.x - position[0]) <= half)
+
+
+def _power(image: AnyArray, pixels: BoolArray) -> float:
+    """Return the mean power of an image in some pixels."""
+    return float(np.mean(np.abs(image[pixels]) ** 2))
+
+
+def _box_rows(cleaned: Cleaned, objects: pd.DataFrame, boxes: list[BoolArray]) -> Rows:
+    """Return the power in the boxes of objects at every stage and of every variant."""
+    # Only pixels in some box are imaged: the stages are many.
+    in_any_box = np.any(boxes, axis=0)
+    images = stage_images(cleaned, in_any_box)
+    images |= {name: image[in_any_box] for name, image in cleaned.images.items()}
+    sides = np.where(objects["x"] < 0, "left", "right")
+    return [
+        {"object": name, "side": side, "stage": stage, "power": _power(image, box[in_any_box])}
+        for name, side, box in zip(objects["object_id"], sides, boxes, strict=True)
+        for stage, image in images.items()
+    ]
+
+
+def _mine_rows(cleaned: Cleaned, halos: Halos) -> Rows:
+    """Return the mines' peaks, and the power in boxes about them, under each variant."""
+    original = np.abs(cleaned.aperture.vv)
+    rows: Rows = []
+    for name, (target, halo, box) in halos.items():
+        is_masked = bool(cleaned.masks["pixel"][_peak_pixel(original, halo)])
+        for variant, image in cleaned.images.items():
+            row = {"target": name, "variant": variant, "depth": target.depth, "masked": is_masked}
+            peak = float(np.abs(image[halo]).max())
+            rows.append(row | {"peak": peak, "power": _power(image, box)})
+    return rows
+
+
+def _peak_pixel(magnitude: NDArray[np.floating[Any]], halo: BoolArray) -> tuple[Any, ...]:
+    """Return the row and column of the largest magnitude in a halo."""
+    return np.unravel_index(int(np.where(halo, magnitude, -1).argmax()), halo.shape)
+
+
+def _own_rows(cleaned: Cleaned, mines: ComplexArray | None, halos: Halos) -> Rows:
+    """Return how the suppression changes what the mines alone give at their peaks.
+
+    The suppression is that of the data as they are, with the clutter.
+    """
+    stage = cleaned.stage
+    aperture = cleaned.aperture
+    mask = cleaned.masks["pixel"]
+    if mines is None or not halos or not mask.any():
+        return []
+    alone = mines[stage.setup.imager.scans[: cleaned.index + 1][-len(aperture.data) :]]
+    data = {"original": alone, "iteration": suppressed_alone(cleaned, alone)}
+    without = aperture.data.copy()
+    without[:, stage.setup.imaged] -= alone
+    for variant in {"least squares", "least squares spared"} & cleaned.images.keys():
+        # Its steps depend on the data: what the mines add is what they change.
+        rest = cleaned.forms[variant].least_squares(replace(aperture, data=without), mask)
+        data[variant] = cleaned.data[variant] - rest
+    stack = aperture.stack_on(stage.points)
+    levels = {variant: np.abs(stack.adjoint(data[variant])[0, 0]) for variant in sorted(data)}
+    original = levels.pop("original")
+    rows: Rows = []
+    for name, (_, halo, _) in halos.items():
+        pixel = _peak_pixel(original, halo)
+        for variant, level in levels.items():
+            change = float(20 * np.log10(level[pixel] / original[pixel]))
+            row = {"target": name, "variant": variant, "masked": bool(mask[pixel])}
+            rows.append(row | {"change_db": change})
+    return rows
+
+
+def _band_rows(
+    cleaned: Cleaned, objects: pd.DataFrame, boxes: list[BoolArray], halos: Halos
+) -> Rows:
+    """Return how strong mines and roadside objects are in VV, VH and the X band."""
+    aperture = cleaned.aperture
+    images = {"vv": np.abs(aperture.vv), "vh": np.abs(aperture.vh)}
+    if aperture.second is not None:
+        images["x"] = aperture.second
+    mask = _fundamental(cleaned, cleaned.stage.settings.intersect)
+    regions = [("clutter", *one) for one in zip(objects["object_id"], boxes, strict=True)]
+    regions += [("mine", name, halo) for name, (_, halo, _) in halos.items()]
+    rows: Rows = []
+    for what, name, pixels in regions:
+        power = images["vv"][pixels] ** 2
+        held = float(power[mask[pixels]].sum() / power.sum())
+        row = {"what": what, "name": name, "held": held}
+        for band, image in images.items():
+            # over the median of the rows that the pixels lie in
+            row[band] = float(image[pixels].max() / np.median(image[pixels.any(axis=1)]))
+        rows.append(row)
+    return rows
+
+
+def _fundamental(cleaned: Cleaned, intersect: Any = "pixel") -> BoolArray:
+    """Return the fundamental mask of an aperture by a way to intersect."""
+    aperture = cleaned.aperture
+    limits = cleaned.stage.limits_for(aperture)
+    region = cleaned.stage.region
+    return fundamental_mask(aperture.vv, aperture.vh, limits, region, aperture.second, intersect)
+
+
+def alarm_rows(cleaned: Cleaned, variant: str, level: FloatArray, recipe: FuseRecipe) -> Rows:
+    """Return the alarms of a frame by a variant's level over the background, in the lane frame."""
+    alarms = frame_alarms(level, cleaned.stage.grid, recipe.area, recipe.score.radius)
+    x, y, _ = scan_to_lane(ground_points(alarms), cleaned.pose).T
+    alarms = alarms.rename(columns={"x": "across", "y": "ahead"})
+    rows = alarms.assign(variant=variant, frame=cleaned.index, x=x, y=y).to_dict("records")
+    return cast("Rows", rows)
+
+
+def example_arrays(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> Arrays:
+    """Return what the figures show of one aperture: magnitudes, masks, axes and positions.
+
+    Parameters
+    ----------
+    cleaned : Cleaned
+        The aperture, cleaned by every variant.
+    frames : Frames
+        The lane's frames.
+    recipe : FuseRecipe
+        The study.
+
+    Returns
+    -------
+    dict
+        Arrays in the scan frame of the aperture's latest frame; magnitudes are in single precision.
+    """
+    aperture = cleaned.aperture
+    stage = cleaned.stage
+    grid = stage.grid
+    region = stage.region
+    limits = stage.limits_for(aperture)
+    low_vv = roadside_level(aperture.vv, region, stage.is_roadside, len(limits.vv))
+    arrays: Arrays = {
+        "x_axis": grid.x,
+        "y_axis": grid.y,
+        "frame": np.array(cleaned.index),
+        "vv": np.abs(aperture.vv),
+        "vh": np.abs(aperture.vh),
+        "mask vv": above(aperture.vv, limits.vv, region),
+        "mask vh": above(aperture.vh, limits.vh, region),
+        "mask vv low": above(aperture.vv, low_vv, region),
+        "mask vh low": above(aperture.vh, limits.low_vh, region),
+        "fundamental": _fundamental(cleaned),
+        "fundamental by region": _fundamental(cleaned, "region"),
+        "extended": extended_mask(aperture.vh, limits, region, stage.across, recipe.mask.roadside),
+        "mines": local(frames.truth, cleaned.pose),
+        "residual": np.stack([course.residual for course in cleaned.courses]),
+    }
+    if aperture.second is not None and limits.second is not None:
+        arrays["x"] = aperture.second
+        arrays["mask x"] = above(aperture.second, limits.second, region)
+    everywhere = np.ones(grid.shape, dtype=bool)
+    for name, image in stage_images(cleaned, everywhere).items():
+        if name.startswith("#"):
+            arrays[f"stage {name}"] = np.abs(image).reshape(grid.shape)
+    for name, image in cleaned.images.items():
+        arrays[f"variant {name}"] = np.abs(image)
+    arrays["boxes"] = _strongest_objects(cleaned, frames, recipe)
+    for name, array in arrays.items():
+        if array.shape == grid.shape and array.dtype == np.float64:
+            arrays[name] = array.astype(np.float32)
+    return arrays
+
+
+def _strongest_objects(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> FloatArray:
+    """Return the positions (object, 2) of the strongest roadside object on either side, m."""
+    objects = roadside_objects(frames, cleaned.pose, recipe)
+    vv = cleaned.aperture.vv
+    powers = [_power(vv, box) for box in _boxes_of(objects, cleaned, recipe)]
+    objects = objects.assign(power=powers, left=objects["x"] < 0)
+    strongest = objects.sort_values("power").groupby("left").tail(1)
+    return floats(strongest[["x", "y"]])
 
 
 @dataclass(frozen=True)
@@ -31,7 +319,7 @@ class LaneRecords:
     """What a lane's frames yield."""
 
     #: rows by table, as of :class:`LaneResult`
-    tables: dict[str, list[dict[str, Any]]]
+    tables: dict[str, list[Entries]]
     #: mean magnitude over the background of all looks, by variant
     maps: Arrays
 
@@ -127,7 +415,7 @@ def process_lane(
     example : callable, optional
         Gets the aperture that the figures show.
     """
-    tables: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    tables: dict[str, list[Entries]] = defaultdict(list)
     forms = stage_forms(frames, calibration)
     sums = MeanViewSums(recipe.map_grid, recipe.score.y[1])
     latest_frames = range(recipe.image.frames - 1, len(frames), every)
@@ -160,7 +448,7 @@ def result_key(recipe: FuseRecipe, quick: bool, calibration: Calibration | None 
     calibration : Calibration, optional
         Thresholds that the results depend on.
     """
-    content: dict[str, Any] = {
+    content: Entries = {
         "recipe": recipe.model_dump(mode="json", exclude={"vehicle"}),
         "chain": recipe_text("fuse2018-printed"),
         "quick": quick,
@@ -171,7 +459,7 @@ def result_key(recipe: FuseRecipe, quick: bool, calibration: Calibration | None 
     return key_of(content)
 
 
-def _calibration_record(calibration: Calibration) -> dict[str, Any]:
+def _calibration_record(calibration: Calibration) -> Entries:
     """Return a calibration as lists of numbers, as JSON can hold it."""
     arrays = {**calibration.learnt, "background": calibration.background}
     return {name: value.tolist() for name, value in arrays.items()}
@@ -192,7 +480,7 @@ def stored_calibration(folder: Path, recipe: FuseRecipe, quick: bool, track: Tra
         Shows progress.
     """
 
-    def make() -> dict[str, Any]:
+    def make() -> Entries:
         frames = simulate_lane(folder / "lanes", recipe, "calibration", track)
         return _calibration_record(calibrate(frames, recipe, track))
 

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise, product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,9 +18,17 @@ import pandas as pd
 from flgpr.clutter import TABLE_II, accuracy_needed
 from flgpr.progress import Track
 from flgpr.scoring import pd_at
+from flgpr.types import Entries
 from flgpr_papers.fuse2018 import figures
 from flgpr_papers.fuse2018.figures import Measured
-from flgpr_papers.fuse2018.findings import STATEMENTS, all_findings, power_db, strongest_boxes
+from flgpr_papers.fuse2018.findings import (
+    CONVENTIONS,
+    STATEMENTS,
+    all_findings,
+    power_db,
+    scored,
+    strongest_boxes,
+)
 from flgpr_papers.fuse2018.lanes import (
     BANDS,
     Frames,
@@ -31,16 +38,15 @@ from flgpr_papers.fuse2018.lanes import (
     masks_stage,
     simulate_lane,
 )
-from flgpr_papers.fuse2018.matches import CONVENTIONS, scored
 from flgpr_papers.fuse2018.process import (
     LaneResult,
+    example_arrays,
     process_lane,
     read_records,
     result_key,
     stored_calibration,
     write_records,
 )
-from flgpr_papers.fuse2018.records import example_arrays
 from flgpr_papers.fuse2018.suppression import VARIANTS, Calibration, Cleaned
 from flgpr_papers.kit.cache import read_arrays, write_arrays
 from flgpr_papers.kit.findings import Finding
@@ -48,7 +54,7 @@ from flgpr_papers.kit.page import HEADER, point_rows
 from flgpr_papers.kit.study import Outcome, Study
 
 
-def page_facts(measured: Measured, found: Sequence[Finding]) -> dict[str, Any]:
+def page_facts(measured: Measured, found: Sequence[Finding]) -> Entries:
     """Return what the captions and their numbers take."""
     recipe = measured.recipe
     by_claim = {finding.claim: finding.ours for finding in found}
@@ -91,7 +97,7 @@ def _pd_texts(measured: Measured) -> dict[str, str]:
     return texts
 
 
-def page_tables(measured: Measured) -> dict[str, Any]:
+def page_tables(measured: Measured) -> Entries:
     """Return what the template of the page takes."""
     recipe = measured.recipe
     learnt = measured.calibration.learnt
@@ -222,9 +228,10 @@ def loosened(frames: Frames, recipe: FuseRecipe) -> Frames:
     l_band_run = frames.stage.setup.run
     shift = np.zeros(l_band_run["pose"].shape)
     shift[:, :3] = np.random.default_rng(1).normal(0, deviation, (len(shift), 3))
-    runs = {}
-    for band, run in {"l": l_band_run, **frames.stage.setup.others}.items():
-        runs[band] = run.assign(pose=run["pose"] + shift)
+    runs = {
+        band: run.assign(pose=run["pose"] + shift)
+        for band, run in {"l": l_band_run, **frames.stage.setup.others}.items()
+    }
     return replace(frames, stage=masks_stage(runs, recipe))
 
 

@@ -6,10 +6,8 @@ import time
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.clutter import (
     TABLE_II,
@@ -20,14 +18,11 @@ from flgpr.clutter import (
     suppress_by_model,
 )
 from flgpr.stages.masks import Aperture, MaskedSuppression
-from flgpr.types import Arrays
+from flgpr.types import Arrays, BoolArray, ComplexArray, Entries, FloatArray
 from flgpr_papers.fuse2018.lanes import Frames, trained
 from flgpr_papers.kit.settings import packaged_text
 
-BoolArray = NDArray[np.bool_]
-ComplexArray = NDArray[np.complex64]
-FloatArray = NDArray[np.float64]
-_DECLARED: dict[str, dict[str, Any]] = tomllib.loads(packaged_text("fuse2018", "variants"))
+_DECLARED: dict[str, Entries] = tomllib.loads(packaged_text("fuse2018", "variants"))
 VARIANTS: dict[str, str] = {name: one["title"] for name, one in _DECLARED.items()}
 """Variants of the suppression that are compared, and how they are called in full."""
 
@@ -54,7 +49,7 @@ class Cleaned:
     courses: list[Iterated]  #: of the iteration in each frame under one mask
     data: dict[str, ComplexArray]  #: (frame, 1, pair, frequency) by variant
     images: dict[str, ComplexArray]  #: by variant, in the scan frame of the latest frame
-    rows: list[dict[str, Any]]  #: one per variant, for ``LaneRecords.courses``
+    rows: list[Entries]  #: one per variant, for ``LaneRecords.courses``
 
     @property
     def stage(self) -> MaskedSuppression:

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.model import as_lane, check_truth
 from flgpr.scoring.curve import clopper_pearson, count_at, describe, make_curve
@@ -17,8 +16,7 @@ from flgpr.scoring.matching import (
     positions,
     select_targets,
 )
-
-FloatArray = NDArray[np.float64]
+from flgpr.types import ArrayLike, FloatArray, floats
 
 
 def box_roc(
@@ -116,7 +114,7 @@ def peak_roc(
     """
     if not (math.isfinite(box_area) and box_area > 0):
         raise ValueError(f"box_area must be positive, got {box_area}")
-    both = [np.asarray(peaks, dtype=np.float64).ravel() for peaks in (target_peaks, clutter_peaks)]
+    both = [floats(peaks).ravel() for peaks in (target_peaks, clutter_peaks)]
     h1, h0 = [peaks[~np.isnan(peaks)] for peaks in both]
     if len(h0) == 0:
         raise ValueError("clutter_peaks must hold at least one imaged box, got none")
@@ -159,9 +157,9 @@ def box_peaks(
     ValueError
         If the shapes do not fit, an axis does not rise, or the side is not positive.
     """
-    values = np.asarray(image, dtype=np.float64)
-    across = np.asarray(x, dtype=np.float64)
-    along = np.asarray(y, dtype=np.float64)
+    values = floats(image)
+    across = floats(x)
+    along = floats(y)
     if values.ndim not in (2, 3) or values.shape[-2:] != (along.size, across.size):
         raise ValueError(
             f"image must have the shape ([look,] {along.size}, {across.size}), got {values.shape}"
@@ -172,7 +170,7 @@ def box_peaks(
         raise ValueError(f"box must be positive, got {box}")
     values = values.reshape(-1, along.size, across.size)
     known = np.where(np.isnan(values), -np.inf, values)
-    points = np.asarray(centre, dtype=np.float64).reshape(-1, 2)
+    points = floats(centre).reshape(-1, 2)
     columns = np.searchsorted(across, points[:, :1] + [-box / 2, box / 2])
     rows = np.searchsorted(along, points[:, 1:] + [-box / 2, box / 2])
     peaks = np.full((len(known), len(points)), -np.inf)
@@ -216,6 +214,6 @@ def offset_boxes(
         for low, high in ((tiled.x_min, tiled.x_max), (tiled.y_min, tiled.y_max))
     ]
     centres = np.stack(np.meshgrid(across, along), axis=-1).reshape(-1, 2)
-    points = np.asarray(targets, dtype=np.float64).reshape(-1, 2)
+    points = floats(targets).reshape(-1, 2)
     apart = np.abs(centres[:, None, :] - points[None, :, :]).max(axis=-1, initial=0.0)
     return centres[(apart >= box + clearance - 1e-9).all(axis=1)]

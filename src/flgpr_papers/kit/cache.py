@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from numpy.typing import NDArray
 
 from flgpr.door import refuse_links
 from flgpr.jobs.simulated_lane import simulate_to_store
@@ -17,8 +16,7 @@ from flgpr.model import Lane
 from flgpr.progress import Track
 from flgpr.simulate import Scene, Sensor, draw_world
 from flgpr.store import Bundle, canonical_json, read_manifest, sha256, write_bundle, write_whole
-
-Arrays = dict[str, NDArray[Any]]
+from flgpr.types import Arrays
 
 
 def key_of(*content: Any) -> str:
@@ -89,9 +87,10 @@ def store_lane(
     """
     store = folder / f"{scene.name}.zarr"
     digest_file = folder / f"{scene.name}.digest"
-    described = [one.model_dump(mode="json") for one in (scene, sensor)]
-    content = dict(zip(("scene", "sensor", "seed"), (*described, seed), strict=True))
-    digest = sha256(canonical_json(content))
+    described = {
+        name: one.model_dump(mode="json") for name, one in (("scene", scene), ("sensor", sensor))
+    }
+    digest = sha256(canonical_json({**described, "seed": seed}))
     known = digest_file.read_text("utf-8").strip() if digest_file.is_file() else ""
     if store.is_dir() and known == digest:
         read_manifest(store)  # raises an error for a store that is not committed

@@ -11,10 +11,13 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
 
 from flgpr.scoring import random_pd
+from flgpr.types import AnyArray, ArrayLike, Entries, FloatArray, floats
 from flgpr_papers.kit.settings import packaged_text
+
+Panels = AnyArray
+"""Axes of a figure, as ``subplots`` returns them."""
 
 
 class Figures:
@@ -34,18 +37,18 @@ class Figures:
     """
 
     def __init__(self, paper: str) -> None:
-        self.declared: dict[str, dict[str, Any]] = tomllib.loads(packaged_text(paper, "figures"))
+        self.declared: dict[str, Entries] = tomllib.loads(packaged_text(paper, "figures"))
 
     def __call__(self, draw: Callable[..., None]) -> Callable[..., Figure]:
         """Return what makes the figure that a function draws on."""
         return self._making(lambda *_: {}, draw)
 
-    def sized(self, options: Callable[..., dict[str, Any]]) -> Callable[..., Any]:
+    def sized(self, options: Callable[..., Entries]) -> Callable[..., Any]:
         """Return the decorator with options that follow from what is drawn, beside those declared."""
         return partial(self._making, options)
 
     def _making(
-        self, options: Callable[..., dict[str, Any]], draw: Callable[..., None]
+        self, options: Callable[..., Entries], draw: Callable[..., None]
     ) -> Callable[..., Figure]:
         """Return what makes the figure that a function draws on, with options of its own."""
 
@@ -69,7 +72,7 @@ class Figures:
         return make
 
 
-def _dress(axes: Axes, declared: dict[str, Any]) -> None:
+def _dress(axes: Axes, declared: Entries) -> None:
     """Give a panel what is declared for it."""
     properties = dict(declared)
     legend, grid = properties.pop("legend", None), properties.pop("grid", None)
@@ -90,23 +93,22 @@ def subplots(
     return figure, figure.subplots(rows, columns, **options)
 
 
-def decibels(magnitude: ArrayLike, least: float = 1e-6) -> NDArray[np.float64]:
+def decibels(magnitude: ArrayLike, least: float = 1e-6) -> FloatArray:
     """Return magnitudes in dB, none of them below ``least``; what is unknown counts as zero."""
-    known = np.nan_to_num(np.asarray(magnitude, dtype=np.float64))
-    return np.asarray(20 * np.log10(np.maximum(known, least)))
+    known = np.nan_to_num(floats(magnitude))
+    return 20 * np.log10(np.maximum(known, least))
 
 
 def show(
-    axes: Axes, image: ArrayLike, extent: tuple[float, ...], low: float, high: float, **style: Any
+    axes: Axes, image: ArrayLike, x: Any, y: Any, low: float, high: float, **style: Any
 ) -> Any:
     """Draw an image (y, x) between two levels, y upwards.
 
-    ``extent`` has its borders, left to right and then from bottom to top; the style is that of
-    ``imshow``.
+    It reaches over its axes, from their first to their last place; the style is that of ``imshow``.
     """
     options = {"origin": "lower", "aspect": "equal", "vmin": low, "vmax": high, **style}
-    left, right, bottom, top = map(float, extent)
-    return axes.imshow(np.asarray(image), extent=(left, right, bottom, top), **options)
+    extent = float(x[0]), float(x[-1]), float(y[0]), float(y[-1])
+    return axes.imshow(np.asarray(image), extent=extent, **options)
 
 
 def colour_bar(panels: Any, shown: Any, label: str, **options: Any) -> Any:

@@ -31,6 +31,7 @@ from __future__ import annotations
 
 import json
 import math
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -40,7 +41,10 @@ import numpy as np
 from scipy.special import bdtrik, ndtr
 
 from flgpr.store import write_whole
+from flgpr.types import Entries
 from flgpr_papers.kit.intervals import (
+    SHARE,
+    SHARE_DIFFERENCE,
     Bounds,
     Interval,
     Z,
@@ -49,6 +53,7 @@ from flgpr_papers.kit.intervals import (
     students,
     together,
 )
+from flgpr_papers.kit.settings import packaged_text
 
 AGREES = "agrees"
 DISAGREES = "disagrees"
@@ -274,21 +279,16 @@ def over_experiments(experiments: Sequence[Finding]) -> Finding:
         ours="; ".join(texts),
         parts=tuple(part[0] for part in parts) if first.parts else (),
         shown=(shown, len(table)),
-        **_answers(parts, first.rule, first.worth, first.figure, bounds),
+        **_answers(first, first.rule, parts),
     )
 
 
-def _answers(
-    parts: Sequence[Interval],
-    rule: Bounds,
-    worth: float = 0.0,
-    figure: Interval | None = None,
-    bounds: Bounds | None = None,
-) -> dict[str, Any]:
+def _answers(asked: Finding, rule: Bounds, parts: Sequence[Interval]) -> Entries:
     """Return verdict and power of a claim by its parts, and the part with the lowest interval."""
+    by = rule, asked.worth, asked.figure
     return {
-        "verdict": all_of([judge(part, rule, worth, figure) for part in parts]),
-        "power": joint_power([power(part, rule, worth, figure, bounds) for part in parts]),
+        "verdict": all_of([judge(part, *by) for part in parts]),
+        "power": joint_power([power(part, *by, asked.bounds) for part in parts]),
         "interval": min(parts, key=lambda part: part[1]),
     }
 
@@ -340,40 +340,23 @@ def measured(
     interval: Interval,
     rule: Bounds | None = None,
     worth: float = 0.0,
-    unit: str = "",
-    bounds: Bounds | None = None,
-    figure: Interval | None = None,
-    note: str = "",
+    **fields: Any,
 ) -> Finding:
     """Return the finding of a number, judged by its rule; it is open without one.
 
     Parameters
     ----------
-    claim, paper, quantity, rule, worth, unit, figure, note
-        As the fields of :class:`Finding`.
+    claim, paper, quantity, rule, worth, **fields
+        As the fields of :class:`Finding`; at its ``bounds`` the interval is cut.
     interval : Interval
         The number and its interval.
-    bounds : Bounds, optional
-        Bounds of the number, at which the interval is cut.
     """
-    interval = clip(interval, bounds)
-    judged: dict[str, Any] = {"verdict": OPEN, "interval": interval}
+    asked = Finding(claim, paper, "", OPEN, quantity=quantity, rule=rule, worth=worth, **fields)
+    interval = clip(interval, asked.bounds)
+    answers: Entries = {"interval": interval}
     if rule is not None:
-        judged = _answers([interval], rule, worth, figure, bounds)
-    ours = in_words(*interval, unit)
-    return Finding(
-        claim,
-        paper,
-        ours,
-        note=note,
-        quantity=quantity,
-        rule=rule,
-        worth=worth,
-        unit=unit,
-        bounds=bounds,
-        figure=figure,
-        **judged,
-    )
+        answers = _answers(asked, rule, [interval])
+    return replace(asked, ours=in_words(*interval, asked.unit), **answers)
 
 
 def in_words(
@@ -436,10 +419,9 @@ def of_parts(
     cut = {name: clip(interval, bounds) for name, interval in intervals.items()}
     ours = "; ".join(f"{name} {_signed(interval)}" for name, interval in cut.items())
     parts = tuple(value for value, _, _ in cut.values())
-    given = {"ours": ours, **_answers([*cut.values()], rule, worth, None, bounds), **fields}
-    return Finding(
-        claim, paper, rule=rule, worth=worth, parts=parts, names=tuple(cut), bounds=bounds, **given
-    )
+    asked = Finding(claim, paper, ours, OPEN, rule=rule, worth=worth, bounds=bounds)
+    given = {**_answers(asked, rule, [*cut.values()]), **fields}
+    return replace(asked, parts=parts, names=tuple(cut), **given)
 
 
 def _signed(interval: Interval) -> str:
@@ -476,7 +458,7 @@ def write_findings(folder: Path, findings: Sequence[Finding], quick: bool, **mor
     write_whole(folder / "findings.json", json.dumps(content, indent=2, ensure_ascii=False) + "\n")
 
 
-def row_of(finding: Finding) -> dict[str, Any]:
+def row_of(finding: Finding) -> Entries:
     """Return a finding as JSON can hold it; a number that is not finite becomes None."""
     return {name: _json_value(value) for name, value in asdict(finding).items()}
 
@@ -496,7 +478,7 @@ def read_findings(folder: Path) -> list[Finding]:
     return [finding_of(row) for row in rows]
 
 
-def finding_of(row: dict[str, Any]) -> Finding:
+def finding_of(row: Entries) -> Finding:
     """Return the finding of a row that :func:`row_of` made."""
     # Findings of the earlier rules had entries that are no more.
     entries = {name: row[name] for name in Finding.__dataclass_fields__ if name in row}
@@ -507,3 +489,152 @@ def finding_of(row: dict[str, Any]) -> Finding:
     if entries.get("rule") and math.isnan(entries["rule"][1]):
         entries["rule"] = (entries["rule"][0], math.inf)
     return Finding(**entries)
+
+
+_BOUNDS = {"share": SHARE, "difference": SHARE_DIFFERENCE}
+_TEXTS = ("claim", "paper", "note", "quantity")
+
+
+class Statements:
+    """What a paper says: a claim by its name, and the rule that its number is judged by.
+
+    An entry has ``claim`` and ``paper``, and may have ``quantity``, ``note``, ``unit`` and
+    ``ours``, the words for ``value``, ``low`` and ``high``. Fields in braces are filled in. ``is``
+    says what values are possible: a "share", or the "difference" of two. One of these is the rule:
+    ``rule``, the least and the largest number that agrees; ``above``, a limit, with the ``worth`` of
+    a gain over it that counts, 0.05 by default; ``alike``, how far a number may lie from the
+    paper's figure in any case. Without one it is our own question.
+
+    Parameters
+    ----------
+    paper : str
+        Name of the paper.
+
+    Attributes
+    ----------
+    declared : dict
+        The entries by name.
+    """
+
+    def __init__(self, paper: str) -> None:
+        self.declared: dict[str, Entries] = tomllib.loads(packaged_text(paper, "statements"))
+
+    def number(
+        self,
+        name: str,
+        interval: Interval,
+        rule: Bounds | None = None,
+        above: float | None = None,
+        figure: Interval | None = None,
+        **fields: Any,
+    ) -> Finding:
+        """Judge a statement by a number.
+
+        Parameters
+        ----------
+        name : str
+            Name of the statement in the file.
+        interval : Interval
+            The number and its interval.
+        rule : tuple of float, optional
+            Rule in place of the declared one; the texts have it as ``rule``.
+        above : float, optional
+            Limit in place of the declared one; the texts have it as ``above``.
+        figure : Interval, optional
+            The paper's figure with the interval to which its own sample knows it, of a statement
+            that is "alike".
+        **fields
+            What stands for the fields of the texts.
+        """
+        declared = self.declared[name]
+        bounds = _BOUNDS.get(declared.get("is", ""))
+        rule = rule or _rule_of(declared)
+        if above is not None:
+            rule = (above, math.inf)
+        if figure is not None:
+            rule = near(figure, declared["alike"], bounds)
+        finding = measured(
+            interval=interval,
+            unit=declared.get("unit", ""),
+            bounds=bounds,
+            figure=figure,
+            **_judged_by(rule, declared, {"rule": rule, "above": above, **fields}),
+        )
+        if "ours" not in declared or finding.interval is None:
+            return finding
+        numbers = dict(zip(("value", "low", "high"), finding.interval, strict=True))
+        return replace(finding, ours=declared["ours"].format(**numbers, **fields))
+
+    def larger(self, name: str, intervals: Mapping[str, Interval], **fields: Any) -> Finding:
+        """Judge that several numbers lie ``above`` a limit, 0 by default.
+
+        The parameters are those of :meth:`within`.
+        """
+        declared = self.declared[name]
+        rule = declared.get("above", 0.0), math.inf
+        given = _judged_by(rule, declared, fields) | {"quantity": ""}
+        return of_parts(intervals=intervals, **given)
+
+    def within(self, name: str, intervals: Mapping[str, Interval], **fields: Any) -> Finding:
+        """Judge that several numbers lie within the ``rule``; that of the finding is the widest.
+
+        Parameters
+        ----------
+        name : str
+            Name of the statement in the file.
+        intervals : mapping of str to Interval
+            The numbers by name; their intervals are to hold all together.
+        **fields
+            What stands for the fields of the texts.
+        """
+        declared = self.declared[name]
+        widest = max(intervals, key=lambda part: max(map(abs, intervals[part][1:])))
+        value, low, high = intervals[widest]
+        return of_parts(
+            intervals=intervals,
+            ours=f"widest {widest} {value:+.3f} ({low:+.3f} to {high:+.3f})",
+            interval=intervals[widest],
+            **_judged_by(tuple(declared["rule"]), declared, fields),
+        )
+
+    def by_every(self, name: str, intervals: Mapping[str, Interval], **fields: Any) -> Finding:
+        """Judge a statement that must not depend on a choice of ours, by every choice.
+
+        Where the choices are not of one verdict, it cannot be said, and each has its verdict beside
+        it. The parameters are those of :meth:`within`.
+        """
+        declared = self.declared[name]
+        rule = _rule_of(declared)
+        if rule is None:
+            raise ValueError(f"{name} must have a rule, got {sorted(declared)}")
+        given = _judged_by(rule, declared, fields)
+        bounds = _BOUNDS[declared["is"]]
+        cut = {choice: clip(interval, bounds) for choice, interval in intervals.items()}
+        each = {choice: judge(one, rule, given["worth"]) for choice, one in cut.items()}
+        verdicts = set(each.values())
+        words = {choice: f"{choice}: {in_words(*one)}" for choice, one in cut.items()}
+        if len(verdicts) > 1:
+            words = {choice: f"{text} {each[choice]}" for choice, text in words.items()}
+        return of_parts(
+            intervals=cut,
+            bounds=bounds,
+            ours="; ".join(words.values()),
+            verdict=verdicts.pop() if len(verdicts) == 1 else UNDECIDED,
+            interval=next(iter(cut.values())),
+            **given,
+        )
+
+
+def _rule_of(declared: Entries) -> Bounds | None:
+    """Return the rule that a statement declares, if it does."""
+    if "above" in declared:
+        return declared["above"], math.inf
+    return tuple(declared["rule"]) if "rule" in declared else None
+
+
+def _judged_by(rule: Bounds | None, declared: Entries, fields: Entries) -> Entries:
+    """Return a rule, the gain over it that counts, and the texts with their fields filled in."""
+    is_open_above = rule is not None and math.isinf(rule[1])
+    worth = float(declared.get("worth", WORTH)) if is_open_above else 0.0
+    texts = {name: declared.get(name, "").format(**fields) for name in _TEXTS}
+    return {"rule": rule, "worth": worth, **texts}

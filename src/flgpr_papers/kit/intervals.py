@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtri, stdtrit
 
 from flgpr.scoring import clopper_pearson, paired_interval
+from flgpr.types import floats
 
 Interval = tuple[float, float, float]
 """A value and the ends of its 95 % interval."""
@@ -48,7 +49,7 @@ def students(values: ArrayLike, level: float = 0.95, bounds: Bounds | None = Non
     bounds : Bounds, optional
         Bounds of the values, at which the interval is cut.
     """
-    sample = np.asarray(values, dtype=np.float64)
+    sample = floats(values)
     sample = sample[~np.isnan(sample)]
     mean = float(sample.mean()) if sample.size else math.nan
     if sample.size < 2 or np.ptp(sample) == 0:
@@ -67,7 +68,7 @@ def intracluster(table: ArrayLike) -> float:
         A value of every look, such as 1 where it was found. Where none differs from another it
         tells nothing, and 0 is returned.
     """
-    values = np.asarray(table, dtype=np.float64)
+    values = floats(table)
     clusters, looks = values.shape
     means = values.mean(axis=1)
     between = looks * means.var(ddof=1)
@@ -97,7 +98,7 @@ def effective_looks(table: ArrayLike, level: float = 0.95) -> float:
     ValueError
         If there is a single cluster.
     """
-    values = np.asarray(table, dtype=np.float64)
+    values = floats(table)
     clusters, looks = values.shape
     if clusters < 2:
         raise ValueError(f"table must have at least two clusters, got {clusters}")
@@ -119,7 +120,7 @@ def share_of_looks(found: ArrayLike) -> Interval:
     found : (cluster, look) array_like
         1 where a look counts, 0 where it does not: a row for each seed.
     """
-    table = np.asarray(found, dtype=np.float64)
+    table = floats(found)
     share = float(table.mean())
     size = effective_looks(table)
     low, high = clopper_pearson(share * size, size)
@@ -139,7 +140,7 @@ def paired_shares(first: ArrayLike, second: ArrayLike, level: float = 0.95) -> I
     level : float
         Probability of the interval.
     """
-    gap = np.asarray(first, dtype=np.float64) - np.asarray(second, dtype=np.float64)
+    gap = floats(first) - floats(second)
     size = effective_looks(gap, level)
     more, less = float(np.mean(gap > 0)), float(np.mean(gap < 0))
     low, high = paired_interval(more * size, less * size, size, level)
@@ -205,11 +206,11 @@ def clustered(
     Interval
         NaN without values.
     """
-    data = np.asarray(values, dtype=np.float64)
+    data = floats(values)
     if data.size == 0:
         return math.nan, math.nan, math.nan
     code = np.unique(np.asarray(cluster).astype(str), return_inverse=True)[1]
-    count = np.bincount(code).astype(float)
+    count = floats(np.bincount(code))
     total = np.bincount(code, weights=data)
     drawn = np.random.default_rng(seed).integers(0, count.size, (draws, count.size))
     means = total[drawn].sum(axis=1) / count[drawn].sum(axis=1)
@@ -262,5 +263,5 @@ def spread(
     bounds : Bounds, optional
         Bounds of the value, at which the interval is cut.
     """
-    half = float(stdtrit(np.size(draws) - 1, (1 + level) / 2) * np.std(np.asarray(draws), ddof=1))
+    half = float(stdtrit(np.size(draws) - 1, (1 + level) / 2) * np.std(floats(draws), ddof=1))
     return clip((value, value - half, value + half), bounds)

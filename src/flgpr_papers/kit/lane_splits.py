@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from flgpr.scoring.matching import one_of
+from flgpr.types import AnyArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -19,8 +19,8 @@ class Split:
     scheme: str  #: how it was made
     held_out: str  #: what is tested
     #: train, test: row numbers
-    train: NDArray[np.int64]
-    test: NDArray[np.int64]
+    train: IntArray
+    test: IntArray
     straddles: bool  #: whether some mine is seen on both sides; such a score is no headline
 
 
@@ -84,7 +84,7 @@ def splits(
     return result
 
 
-def _complete_column(examples: pd.DataFrame, column: str) -> NDArray[Any]:
+def _complete_column(examples: pd.DataFrame, column: str) -> AnyArray:
     """Return a column as text, which must have a name in every row."""
     if column not in examples.columns:
         raise ValueError(f"examples must have the column {column} to split by it")
@@ -94,7 +94,7 @@ def _complete_column(examples: pd.DataFrame, column: str) -> NDArray[Any]:
     return examples[column].astype(str).to_numpy(dtype=object)
 
 
-def _target_names(examples: pd.DataFrame) -> NDArray[Any]:
+def _target_names(examples: pd.DataFrame) -> AnyArray:
     """Return the mine that each example shows, empty for clutter."""
     if "target" not in examples.columns:
         raise ValueError(
@@ -103,9 +103,7 @@ def _target_names(examples: pd.DataFrame) -> NDArray[Any]:
     return examples["target"].fillna("").astype(str).to_numpy(dtype=object)
 
 
-def _target_groups(
-    examples: pd.DataFrame, target: NDArray[Any], folds: int | None
-) -> NDArray[np.int64]:
+def _target_groups(examples: pd.DataFrame, target: AnyArray, folds: int | None) -> IntArray:
     """Return the group of every example: mines in turn, clutter dealt to the groups in turn."""
     is_mine = target != ""
     names = list(dict.fromkeys(target[is_mine]))

@@ -9,6 +9,8 @@ from fractions import Fraction
 from importlib import resources
 from typing import Any
 
+from flgpr.types import Entries
+
 
 @dataclass(frozen=True)
 class Mix:
@@ -75,7 +77,7 @@ def mix_counts(mix: str, count: int) -> dict[str, int]:
     return {body: number for body, number in counts.items() if number > 0}
 
 
-def mix_draws(mix: str, depth: float, count: int, **entries: Any) -> list[dict[str, Any]]:
+def mix_draws(mix: str, depth: float, count: int, **entries: Any) -> list[Entries]:
     """Return the draws of a scene that put mines of a mix into the lane, a draw per body.
 
     Parameters
@@ -95,10 +97,10 @@ def mix_draws(mix: str, depth: float, count: int, **entries: Any) -> list[dict[s
         If no mix has that name, or ``count`` is negative.
     """
     kind = find_mix(mix).kind
-    draws = []
-    for body, number in mix_counts(mix, count).items():
-        draws.append({"kind": kind, "body": body, "depth": depth, "count": number, **entries})
-    return draws
+    return [
+        {"kind": kind, "body": body, "depth": depth, "count": number, **entries}
+        for body, number in mix_counts(mix, count).items()
+    ]
 
 
 _DECLARED = tomllib.loads(

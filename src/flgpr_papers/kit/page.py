@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from flgpr.report import figure_png, render
 from flgpr.scoring import Match, chance, clopper_pearson, operating_row, roc_of
 from flgpr.store.outputs import log_finished
+from flgpr.types import Entries
 from flgpr_papers.kit.findings import NO_VERDICT, OPEN, VERDICTS, Finding
 
 Rows = Sequence[tuple[str, str, str]]
@@ -38,10 +39,10 @@ class Twin:
 
 
 def twins(
-    captions: Mapping[str, dict[str, Any]],
+    captions: Mapping[str, Entries],
     pictures: Mapping[str, bytes],
     findings: Sequence[Finding],
-    facts: Mapping[str, Any],
+    facts: Entries,
 ) -> list[Twin]:
     """Return the figures of a study with what ``captions.toml`` says of them, in its order.
 
@@ -160,7 +161,7 @@ def pd_in_words(n_found: int, targets: int, by_chance: float) -> str:
 
 
 def point_rows(
-    matches: Mapping[str, Match], subsets: Mapping[str, Any], **area: Any
+    matches: Mapping[str, Match], subsets: Entries, **area: Any
 ) -> list[tuple[str, ...]]:
     """Tabulate Pd at the operating points: a row per detector and subset of the targets.
 

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from flgpr.simulate import Scene, world_description
+from flgpr.types import Entries
 
 
 def turned(scene: Scene, seed: int) -> Scene:
@@ -29,7 +30,7 @@ def turned(scene: Scene, seed: int) -> Scene:
     return Scene.model_validate(data)
 
 
-def changed(scene: Scene, targets: list[Any] | None = None, **tables: dict[str, Any]) -> Scene:
+def changed(scene: Scene, targets: list[Any] | None = None, **tables: Entries) -> Scene:
     """Return a scene with some entries of its tables replaced.
 
     Parameters

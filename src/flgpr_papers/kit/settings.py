@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
 from importlib import resources
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from pydantic import BaseModel, ConfigDict
 
 from flgpr.store import merge_tables
+from flgpr.types import Entries
 
 T = TypeVar("T", bound=BaseModel)
+Span = tuple[float, float]
+"""Both ends of what is long, broad or allowed; or a size in x and y."""
 PAPERS = {
     "cosgrove2004": "Cosgrove, Milanfar & Kositsky 2004: trained detection by deflection",
     "flsar2004": "flsar2004: prescreeners, templates and relevance vector machines",
@@ -35,9 +37,7 @@ def packaged_text(paper: str, name: str = "study") -> str:
     return file.read_text(encoding="utf-8")
 
 
-def packaged(
-    paper: str, kind: type[T], quick: bool = False, more: Mapping[str, Any] | None = None
-) -> T:
+def packaged(paper: str, kind: type[T], quick: bool = False, more: Entries | None = None) -> T:
     """Load the packaged settings of a paper's study.
 
     Parameters

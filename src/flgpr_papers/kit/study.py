@@ -14,6 +14,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from flgpr.progress import Track, silent
 from flgpr.store import write_whole
+from flgpr.types import Entries
 from flgpr_papers.kit.findings import Finding, by_chance, write_findings
 from flgpr_papers.kit.page import draw, study_html, twins
 from flgpr_papers.kit.settings import packaged_text
@@ -37,10 +38,10 @@ class Outcome:
 
     findings: Sequence[Finding]  #: in the order of the page
     measured: Any  #: what its figures draw
-    facts: Mapping[str, Any]  #: what the captions and their numbers take, by name
-    tables: Mapping[str, Any]  #: what the template of the page takes
+    facts: Entries  #: what the captions and their numbers take, by name
+    tables: Entries  #: what the template of the page takes
     files: Mapping[str, str] = field(default_factory=dict)  #: other texts, by the name of the file
-    notes: Mapping[str, Any] = field(default_factory=dict)  #: what else ``findings.json`` holds
+    notes: Entries = field(default_factory=dict)  #: what else ``findings.json`` holds
 
 
 @dataclass(frozen=True)

@@ -10,34 +10,22 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 from flgpr.detect import Fold, SearchStep, forward_search, make_fold, single_features
 from flgpr.features import FEATURES
 from flgpr.method.classifier import count_mines, duplication, label_lanes
 from flgpr.model import Lane
 from flgpr.scoring import Match, match, pd_mean_interval
-from flgpr.scoring.bootstrap import make_design, make_scores
-from flgpr.scoring.lane_roc import AreaRule
-from flgpr.scoring.matching import select_targets
+from flgpr.scoring.bootstrap import Scores, make_design, make_scores
+from flgpr.scoring.lane_roc import AreaRule, far_area
+from flgpr.scoring.matching import Subset, select_targets
 from flgpr.screen import prescreen
-from flgpr_papers.kit.rescoring import Draw, Rescorer
+from flgpr.types import AnyArray, Entries, FloatArray, floats
 
-
-def _is_no_simulant(kind: Any) -> Any:
-    """Return whether targets are mines."""
-    return kind != "simulant"
-
-
-def _is_buried(depth: Any) -> Any:
-    """Return whether targets lie in the ground."""
-    return depth > 0
-
-
-MINES = {"kind": _is_no_simulant}
+MINES = {"kind": lambda kind: kind != "simulant"}
 """Subset of the targets: actual mines."""
-BURIED_METAL = {"kind": "metal", "depth": _is_buried}
-BURIED_PLASTIC = {"kind": "plastic", "depth": _is_buried}
+BURIED_METAL = {"kind": "metal", "depth": lambda depth: depth > 0}
+BURIED_PLASTIC = {"kind": "plastic", "depth": lambda depth: depth > 0}
 SIMULANTS = {"kind": "simulant"}
 METHODS = {
     "A": "resubstitution with duplication",
@@ -48,6 +36,7 @@ METHODS = {
 SUBBANDS = ("F1", "F2", "F3", "F4")
 BANDS = ("F0", *SUBBANDS)
 POLARIZATIONS = ("HH", "VV", "HV")
+_STRETCH = 10.0  # m of lane in which clutter is looked at
 FAR_MAX = 0.1
 """False alarms per m² up to which Pd is averaged."""
 AREA: AreaRule = "paper"
@@ -55,7 +44,78 @@ AREA: AreaRule = "paper"
 
 Every halo counts with all of its area, wherever it lies.
 """
-FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Draw:
+    """A resampling of lanes, targets and stretches of lane: how often each counts."""
+
+    target: FloatArray  #: (target,) weight of each target
+    #: (alarm,) weight of the target that an alarm hits, or of the stretch of lane that it stands on
+    alarm: FloatArray
+    area: float  #: area that false alarms can stand on, m²
+
+
+class Rescorer:
+    """Pd of some targets and its mean as functions of the confidences of all alarms.
+
+    Parameters
+    ----------
+    reference : Match
+        The alarms and targets, with any confidences.
+    subset : optional
+        Targets to score, see :func:`flgpr.scoring.select_targets`.
+    area : {"union", "paper"}
+        Rule of the FAR's area where nothing is resampled, see :func:`flgpr.scoring.roc`.
+    """
+
+    def __init__(
+        self,
+        reference: Match,
+        subset: Subset = None,
+        area: AreaRule = AREA,
+    ) -> None:
+        chosen = select_targets(reference.truth, subset)
+        number = np.where(chosen, np.cumsum(chosen) - 1, -1)[reference.pair_target]
+        self._alarm = reference.pair_alarm[number >= 0]
+        self._pair = number[number >= 0]
+        self._targets = np.flatnonzero(chosen)
+        self._false = np.flatnonzero(reference.false)
+        self.area = far_area(reference, area)
+
+    def __call__(self, confidence: FloatArray, draw: Draw | None = None) -> float:
+        """Compute the mean of Pd up to ``FAR_MAX``, as :func:`flgpr.scoring.pd_mean` of the curve.
+
+        An alarm with the confidence -inf is never declared.
+        """
+        scores, target, weight, area = self._scores(confidence, draw)
+        return float(scores.shares(FAR_MAX, weight, area) @ target / target.sum())
+
+    def pd_at(
+        self, confidence: FloatArray, far: FloatArray, draw: Draw | None = None
+    ) -> FloatArray:
+        """Compute Pd at allowed false alarm rates, per m²; NaN in a draw without any target."""
+        scores, target, weight, area = self._scores(confidence, draw)
+        if not target.any():
+            return np.full(len(far), np.nan)
+        return scores.pd_at(far, target, weight, area)
+
+    def _scores(
+        self, confidence: FloatArray, draw: Draw | None
+    ) -> tuple[Scores, FloatArray, FloatArray, float]:
+        """Return scores, weights of targets and of false alarms, and the area, m².
+
+        In the scores every false alarm is a block of its own.
+        """
+        best = np.full(len(self._targets), -np.inf)
+        np.maximum.at(best, self._pair, confidence[self._alarm])
+        row = self._false[np.argsort(-confidence[self._false], kind="stable")]
+        false = confidence[row]
+        above = np.searchsorted(-false, -best, side="right")
+        scores = Scores(best, false, np.arange(row.size), above)
+        if draw is None:
+            return scores, np.ones(best.size), np.ones(row.size), self.area
+        return scores, draw.target[self._targets], draw.alarm[row], draw.area
 
 
 @dataclass(frozen=True)
@@ -124,14 +184,9 @@ class Pool:
     def __init__(self, results: Sequence[LaneResult]) -> None:
         self.results = list(results)
         self.features = pd.concat([result.features for result in results], ignore_index=True)
-        self.labels = label_lanes(
-            [
-                (result.name, result.alarms, result.features, result.truth, result.lane)
-                for result in results
-            ]
-        )
+        self.labels = label_lanes([result.training for result in results])
         self.reference = matched(results, [result.alarms for result in results])
-        self.scorer = Rescorer(self.reference, MINES, FAR_MAX, AREA)
+        self.scorer = Rescorer(self.reference, MINES)
         self.lanes = [result.name for result in results]
 
     def draws(self, count: int, seed: int = 0, subset: Any = MINES) -> Iterator[Draw]:
@@ -190,7 +245,7 @@ class Pool:
         draw : Draw, optional
             Weights of the examples.
         """
-        known = np.isfinite(self.features[list(columns)].to_numpy(dtype=np.float64)).all(axis=1)
+        known = np.isfinite(floats(self.features[list(columns)])).all(axis=1)
         lane = self.labels["lane"].to_numpy()
         on_lane = known & np.isin(lane, list(only or self.lanes))
         if not cross:
@@ -223,7 +278,7 @@ class Pool:
             weight = weight * draw.alarm.astype(np.int64)
         hit = (labels["label"] == "hit").to_numpy().astype(np.int64)
         return make_fold(
-            np.nan_to_num(self.features[list(columns)].to_numpy(float)), hit, weight, use, test
+            np.nan_to_num(floats(self.features[list(columns)])), hit, weight, use, test
         )
 
     def singles(self, columns: Sequence[str], method: str) -> FloatArray:
@@ -248,34 +303,7 @@ class Pool:
         folds = self.folds(columns, *_settings(method), draw=draw)
         return _refit(folds, len(self.labels))
 
-    def singles_in(self, columns: Sequence[str], methods: str, draws: int) -> dict[str, FloatArray]:
-        """Return PD_mean (draw, feature) of every single feature by methods A-D.
-
-        They are trained anew in every draw.
-        """
-        return self._in_draws(single_features, columns, methods, draws)
-
-    def searches_in(
-        self, columns: Sequence[str], methods: str, draws: int
-    ) -> dict[str, FloatArray]:
-        """Return PD_mean (draw, step) of forward searches, searched anew in every draw.
-
-        Parameters
-        ----------
-        columns : sequence of str
-            Columns of the features.
-        methods : str
-            Methods, "A" to "D".
-        draws : int
-            Number of bootstrap draws.
-        """
-
-        def scores_of(folds: list[Fold], samples: int, scorer: Any) -> list[float]:
-            return [step.score for step in forward_search(folds, samples, scorer)]
-
-        return self._in_draws(scores_of, columns, methods, draws)
-
-    def _in_draws(
+    def in_draws(
         self, score: Callable[..., Any], columns: Sequence[str], methods: str, draws: int
     ) -> dict[str, FloatArray]:
         """Return the scores (draw, ...) of folds by methods A-D in every draw."""
@@ -292,7 +320,7 @@ class Pool:
 
         That of mines is the attribute ``scorer``.
         """
-        return Rescorer(self.reference, subset, FAR_MAX, AREA)
+        return Rescorer(self.reference, subset)
 
     def retrained(
         self, columns: Sequence[str], method: str, draws: int, subset: Any = MINES
@@ -323,7 +351,7 @@ class Pool:
         draws : int
             Number of bootstrap draws.
         """
-        scorer = Rescorer(self.reference, subset, area=AREA)
+        scorer = self.scorer_of(subset)
         confidence = self.confidence(columns, method)
         curves = []
         for draw in self.draws(draws):
@@ -344,7 +372,7 @@ class Pool:
         draws : int
             Number of bootstrap draws.
         """
-        values = self.features[column].to_numpy(dtype=np.float64)
+        values = floats(self.features[column])
         labels = self.labels
         is_known = np.isfinite(values)
         hit = is_known & ((labels["label"] == "hit") & (labels["beta"] == 1)).to_numpy()
@@ -363,7 +391,7 @@ class Pool:
     def magnitude(self) -> FloatArray:
         """Return the magnitude of all alarms, which is what the prescreener goes by."""
         magnitudes = [result.alarms["magnitude"] for result in self.results]
-        return np.concatenate(magnitudes).astype(np.float64)
+        return floats(np.concatenate(magnitudes))
 
     def nested(
         self, columns: Sequence[str], steps: int
@@ -384,7 +412,7 @@ class Pool:
         chosen = []
         for name in self.lanes:
             names = self._search_without(name, columns, steps)
-            is_known = np.isfinite(self.features[names].to_numpy(float)).all(axis=1)
+            is_known = np.isfinite(floats(self.features[names])).all(axis=1)
             fold = self._fold(names, is_known & (lane != name), is_known & (lane == name), True)
             confidence[fold.samples] = _refit([fold], len(self.labels))[fold.samples]
             chosen.append(names)
@@ -396,7 +424,7 @@ class Pool:
         folds = self.folds(columns, len(other_lanes) > 1, True, other_lanes)
         results = [result for result in self.results if result.name in other_lanes]
         reference = matched(results, [result.alarms for result in results])
-        scorer = Rescorer(reference, MINES, FAR_MAX, AREA)
+        scorer = Rescorer(reference, MINES)
         rows = np.flatnonzero(np.isin(self.labels["lane"], other_lanes))
 
         search = forward_search(
@@ -455,9 +483,7 @@ def prescreened(
     return matched(results, tables)
 
 
-def clutter_levels(
-    results: Sequence[LaneResult], clear: float = 1.5, stretch: float = 10.0
-) -> pd.DataFrame:
+def clutter_levels(results: Sequence[LaneResult], clear: float = 1.5) -> pd.DataFrame:
     """Return how far clutter stands out in the run-views, by stretches of lane (Fig. 8).
 
     Images are in units of their background, so that their mean level tells nothing. The level of a
@@ -469,23 +495,21 @@ def clutter_levels(
         The lanes.
     clear : float
         Least distance of the pixels from a target, m.
-    stretch : float
-        Length of a stretch of lane, m.
 
     Returns
     -------
     DataFrame
-        ``lane``, ``stretch`` (number of a piece of lane ``stretch`` m long) and the level (dB) of
+        ``lane``, ``stretch`` (number of a piece of lane 10 m long) and the level (dB) of
         every channel, named ``HH F1`` and so on.
     """
     rows = []
     for result in results:
         view = result.view
         is_clear = _target_distance(result) > clear
-        number = ((view["y"].values - result.lane.y_min) // stretch).astype(int)
+        number = ((view["y"].values - result.lane.y_min) // _STRETCH).astype(int)
         for k in np.unique(number):
             chosen = is_clear & (number == k)[:, None]
-            row: dict[str, Any] = {"lane": result.name, "stretch": int(k)}
+            row: Entries = {"lane": result.name, "stretch": int(k)}
             for polarization in view["polarization"].values:
                 for subband in view["subband"].values:
                     channel = view.sel(polarization=polarization, subband=subband).values
@@ -499,17 +523,17 @@ def _target_distance(result: LaneResult) -> FloatArray:
     x = result.view["x"].values
     y = result.view["y"].values[:, None]
     distance = np.full((y.size, x.size), np.inf)
-    for target_x, target_y in result.truth[["x", "y"]].to_numpy(dtype=np.float64):
+    for target_x, target_y in floats(result.truth[["x", "y"]]):
         distance = np.minimum(distance, np.hypot(x - target_x, y - target_y))
     return distance
 
 
-def stands_out(magnitude: NDArray[Any]) -> float:
+def stands_out(magnitude: AnyArray) -> float:
     """Return the 99 % quantile of magnitudes over their median, dB; NaN for fewer than 100."""
     finite = magnitude[np.isfinite(magnitude)]
     if finite.size < 100:
         return float("nan")
-    median, high = np.quantile(finite.astype(np.float64), (0.5, 0.99))
+    median, high = np.quantile(floats(finite), (0.5, 0.99))
     return float(20 * np.log10(high / median))
 
 

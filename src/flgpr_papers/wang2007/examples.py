@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from flgpr.imaging import ScanImager
 from flgpr.kernels.sampling import bilinear
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.model import lane_to_scan
+from flgpr.types import AnyArray, Entries, Float32Array, FloatArray, floats
 from flgpr_papers.kit.cache import write_arrays
 
 _AHEAD = 11.0  # m before the array at which an example target is shown
@@ -46,7 +46,7 @@ def save_examples(path: Path, imaged: ImagedRun, truth: pd.DataFrame, alarms: pd
     imager = ScanImager(imaged.run, table.grid(), table.subbands, table.window, table.tolerance)
     poses = imaged.run["pose"].values
     examples = example_targets(truth, alarms)
-    arrays: dict[str, Any] = {
+    arrays: Entries = {
         "polarization": imaged.run["polarization"].values.astype(str),
         "subband": np.array(list(table.subbands)),
         "x": imager.grid.x,
@@ -71,7 +71,7 @@ def save_examples(path: Path, imaged: ImagedRun, truth: pd.DataFrame, alarms: pd
     write_arrays(path, arrays)
 
 
-def _example_arrays(imager: ScanImager, imaged: ImagedRun, example: Example) -> dict[str, Any]:
+def _example_arrays(imager: ScanImager, imaged: ImagedRun, example: Example) -> Entries:
     """Return the arrays of an example: its image, as it is and imaged, and its patches."""
     poses = imaged.run["pose"].values
     ahead = example.place[1] - poses[imager.scans, 1]
@@ -132,9 +132,9 @@ def _false_alarm(truth: pd.DataFrame, alarms: pd.DataFrame) -> Example:
     return Example(place, place, "strongest false alarm")
 
 
-def _ground(row: pd.Series[Any]) -> NDArray[np.float64]:
+def _ground(row: pd.Series[Any]) -> FloatArray:
     """Return the position (3,) of a target or alarm on the ground, m."""
-    return np.array([row["x"], row["y"], 0.0], dtype=np.float64)
+    return floats([row["x"], row["y"], 0.0])
 
 
 def _example(
@@ -160,15 +160,13 @@ def _example(
     return Example(_ground(target), _ground(position), title)
 
 
-def _distances(alarms: pd.DataFrame, targets: pd.DataFrame) -> NDArray[np.float64]:
+def _distances(alarms: pd.DataFrame, targets: pd.DataFrame) -> FloatArray:
     """Return the distance (alarm, target) of every alarm from every target, m."""
     gap = alarms[["x", "y"]].to_numpy()[:, None] - targets[["x", "y"]].to_numpy()
-    return np.asarray(np.hypot(*gap.transpose(2, 0, 1)))
+    return np.hypot(*gap.transpose(2, 0, 1))
 
 
-def series_scans(
-    scans: NDArray[Any], poses: NDArray[np.float64], y: float, middle: float
-) -> list[int]:
+def series_scans(scans: AnyArray, poses: FloatArray, y: float, middle: float) -> list[int]:
     """Return five consecutive scans that see a position of the lane, as the paper's Fig. 4 shows.
 
     Parameters
@@ -189,9 +187,7 @@ def series_scans(
     return [int(scan) for scan in scans[first : first + _CONSECUTIVE]]
 
 
-def _patches(
-    imaged: ImagedRun, place: NDArray[np.float64]
-) -> tuple[NDArray[np.float32], NDArray[Any]]:
+def _patches(imaged: ImagedRun, place: FloatArray) -> tuple[Float32Array, AnyArray]:
     """Return the patches about a position in all scans that see it, and their distances ahead, m.
 
     Patches are magnitudes (scan, polarization, subband, y, x), ordered from near to far.

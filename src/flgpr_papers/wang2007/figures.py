@@ -13,14 +13,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Rectangle
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
 from flgpr.detect import HistogramNormalizer
 from flgpr.method.classifier import make_training_set
 from flgpr.model import Sensor
 from flgpr.recipe.schema import Recipe
 from flgpr.scoring import Match, roc_of
-from flgpr_papers.kit.figures import Figures, chance_line, colour_bar, decibels, show, steps
+from flgpr.types import AnyArray, Arrays, BoolArray, Entries
+from flgpr_papers.kit.figures import Figures, Panels, chance_line, colour_bar, decibels, show, steps
+from flgpr_papers.kit.settings import Span
 from flgpr_papers.wang2007.analysis import (
     AREA,
     BANDS,
@@ -35,8 +36,7 @@ _DB = 30.0
 _BAND_DRAWS = 200
 _LEAST = 1e-12
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#000000")
-Examples = Mapping[str, NDArray[Any]]
-Panels = NDArray[Any]
+Examples = Arrays
 PATCHES = ("surface", "shallow", "plastic", "false")
 """Examples of Fig. 10."""
 _figure = Figures("wang2007")
@@ -52,7 +52,6 @@ class Measured:
     blind: Sequence[LaneResult]  #: results of the blind lanes
     tables: Tables  #: what the statements are judged by
     examples: Examples  #: scan images and patches of Figs. 2-5, 8 and 10
-    draws: int  #: number of bootstrap draws
 
 
 @_figure
@@ -168,8 +167,8 @@ def run_view_figure(panels: Panels, measured: Measured, alarms: bool, length: fl
         if not piece.sizes["y"]:
             axis.set_visible(False)
             continue
-        extent = (*view.x[[0, -1]].values, *piece.y[[0, -1]].values)
-        show(axis, decibels(piece.values, _LEAST) - top, extent, -_DB, 0, cmap="gray_r")
+        level = decibels(piece.values, _LEAST) - top
+        show(axis, level, view.x, piece.y, -_DB, 0, cmap="gray_r")
         for border in (result.lane.x_min, result.lane.x_max):
             axis.axvline(border, color="#0072b2", lw=0.8)
         for x, y in marked.loc[marked["y"].between(low, high), ["x", "y"]].to_numpy():
@@ -201,7 +200,7 @@ def prescreener_figure(panels: Panels, measured: Measured) -> None:
         _roc_axes(axis, polarization, 0.3)
 
 
-def _widths(measured: Measured) -> dict[str, Any]:
+def _widths(measured: Measured) -> Entries:
     """Return the widths of the panels of Fig. 10, by their numbers of patches."""
     return {"width_ratios": [len(measured.examples[f"patches_{name}"]) for name in PATCHES]}
 
@@ -233,7 +232,7 @@ def patch_figure(panels: Panels, measured: Measured) -> None:
     _colour_bar(panels, "dB over the background")
 
 
-def _patch_row(patches: NDArray[Any], channel: tuple[int, int]) -> NDArray[Any]:
+def _patch_row(patches: AnyArray, channel: tuple[int, int]) -> AnyArray:
     """Return the framed patches of a channel side by side, dB; NaN beyond the image's border."""
     framed = []
     for patch in patches:
@@ -328,23 +327,22 @@ def _at(examples: Examples, polarization: str, subband: str) -> tuple[int, int]:
 
 def _scan(
     axis: Axes,
-    image: NDArray[Any],
+    image: AnyArray,
     examples: Examples,
     position: Any,
     title: str,
-    x: tuple[float, float] | None = None,
-    y: tuple[float, float] | None = None,
+    x: Span | None = None,
+    y: Span | None = None,
     top: float | None = None,
 ) -> None:
     """Draw a scan image in dB below ``top``, by default the largest level of what is shown."""
     level = decibels(image, _LEAST)
-    extent = (*examples["x"][[0, -1]], *examples["y"][[0, -1]])
     if x and y:
         inside = np.ix_(_is_within(examples["y"], y), _is_within(examples["x"], x))
         top = level[inside].max()
     elif top is None:
         top = level.max()
-    show(axis, level - top, extent, -_DB, 0, cmap="gray_r")
+    show(axis, level - top, examples["x"], examples["y"], -_DB, 0, cmap="gray_r")
     axis.add_patch(Circle(position, 1.0, fill=False, color="#d55e00", lw=1.0))
     axis.set(xlim=x, ylim=y)
     axis.xaxis.set_major_locator(MaxNLocator(3, prune="both"))
@@ -352,10 +350,10 @@ def _scan(
     axis.tick_params(labelsize=7)
 
 
-def _is_within(axis: NDArray[Any], limits: tuple[float, float]) -> NDArray[np.bool_]:
+def _is_within(axis: AnyArray, limits: Span) -> BoolArray:
     """Return which positions of an axis lie within limits."""
     middle = sum(limits) / 2
-    return np.asarray(np.abs(axis - middle) <= np.ptp(limits) / 2)
+    return np.abs(axis - middle) <= np.ptp(limits) / 2
 
 
 def _scan_axes(panels: Panels, label: str = "dB below the image's largest") -> None:

@@ -10,14 +10,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from flgpr.detect import SearchStep
+from flgpr.detect import Fold, SearchStep, forward_search, single_features
 from flgpr.features import FEATURES
 from flgpr.method.classifier import CLASSIFIER_A, CLASSIFIER_B, make_training_set, train
 from flgpr.recipe.schema import Recipe
 from flgpr.scoring import Match, compare
-from flgpr_papers.kit.findings import Finding
+from flgpr.types import Entries, FloatArray, floats
+from flgpr_papers.kit.findings import Finding, Statements
 from flgpr_papers.kit.intervals import (
     SHARE,
     SHARE_DIFFERENCE,
@@ -29,7 +29,6 @@ from flgpr_papers.kit.intervals import (
     together,
 )
 from flgpr_papers.kit.page import detections_at, pd_in_words
-from flgpr_papers.kit.statements import Statements
 from flgpr_papers.wang2007.analysis import (
     AREA,
     BANDS,
@@ -49,19 +48,9 @@ from flgpr_papers.wang2007.analysis import (
     table_two,
 )
 
-FloatArray = NDArray[np.float64]
-Searches = Mapping[str, Sequence[SearchStep]]
 """Steps of the forward search by method, A to D (Table II)."""
 F1 = tuple(f"{name}_F1" for name in FEATURES)
 """Columns of the ten features in sub-band F1."""
-
-
-def retrainings(draws: int) -> int:
-    """Return in how many of the draws a discriminant is trained anew.
-
-    They are enough for a standard deviation.
-    """
-    return max(draws // 5, 20)
 
 
 def pd_mean_gap(
@@ -84,40 +73,6 @@ def pd_mean_gap(
     return comparison.difference, comparison.low, comparison.high
 
 
-def retrained_gap(
-    pool: Pool,
-    first: Sequence[str],
-    second: Sequence[str],
-    draws: int,
-    parts: int = 1,
-    method: str = "A",
-    subset: Any = MINES,
-) -> Interval:
-    """Return PD_mean of a set of features less that of another, both trained anew in every draw.
-
-    Parameters
-    ----------
-    pool : Pool
-        Alarms of the calibration lanes.
-    first, second : sequence of str
-        Columns of each set.
-    draws : int
-        Number of bootstrap draws, of which :func:`retrainings` are used.
-    parts : int
-        Number of intervals that are to hold all together.
-    method : str
-        Method of training and testing, "A" to "D".
-    subset : object
-        Targets that count.
-    """
-    score = pool.scorer_of(subset)
-    values = [score(pool.confidence(columns, method)) for columns in (first, second)]
-    drawn = [
-        pool.retrained(columns, method, retrainings(draws), subset) for columns in (first, second)
-    ]
-    return spread(values[0] - values[1], drawn[0] - drawn[1], together(parts), SHARE_DIFFERENCE)
-
-
 def limit_less(limit: float, interval: Interval) -> Interval:
     """Return a limit less a number, with its interval: a small number gives a large one."""
     value, low, high = interval
@@ -126,7 +81,7 @@ def limit_less(limit: float, interval: Interval) -> Interval:
 
 def beside_papers_pd(
     matched: Match, subset: Any, far: float, figure: float, count: int | None
-) -> dict[str, Any]:
+) -> Entries:
     """Return a Pd and what the paper knows of its own, as a statement takes them.
 
     Parameters
@@ -156,17 +111,14 @@ class SingleFeatures:
 
     Parameters
     ----------
-    pool : Pool
-        Alarms of the calibration lanes.
-    table : DataFrame
-        PD_mean of every feature (column) by method (row), Table I.
-    draws : int
-        Number of draws in which the discriminants are trained anew.
+    tables : Tables
+        What the statements are judged by.
     """
 
-    def __init__(self, pool: Pool, table: pd.DataFrame, draws: int) -> None:
-        self.values = {method: table.loc[method].to_numpy(np.float64) for method in "ABCD"}
-        self.drawn = pool.singles_in(F1, "ABCD", draws)
+    def __init__(self, tables: Tables) -> None:
+        table = tables.by_band["F1"]
+        self.values = {method: floats(table.loc[method]) for method in "ABCD"}
+        self.drawn = tables.pool.in_draws(single_features, F1, "ABCD", tables.retrainings)
 
     def level(self, feature: str) -> Interval:
         """Return PD_mean of a feature by method A."""
@@ -242,6 +194,41 @@ class Tables(NamedTuple):
     searches: dict[str, list[SearchStep]]  #: Table II
     sets: dict[str, list[SearchStep]]  #: Tables III and IV ("all")
     blind: dict[str, Match]  #: blind lanes by classifier
+    draws: int  #: number of bootstrap draws
+
+    @property
+    def retrainings(self) -> int:
+        """In how many of the draws a discriminant is trained anew: enough for a deviation."""
+        return max(self.draws // 5, 20)
+
+    def gap(
+        self,
+        first: Sequence[str],
+        second: Sequence[str],
+        parts: int = 1,
+        method: str = "A",
+        subset: Any = MINES,
+    ) -> Interval:
+        """Return PD_mean of a set of features less that of another, both trained in every draw.
+
+        Parameters
+        ----------
+        first, second : sequence of str
+            Columns of each set.
+        parts : int
+            Number of intervals that are to hold all together.
+        method : str
+            Method of training and testing, "A" to "D".
+        subset : object
+            Targets that count.
+        """
+        score = self.pool.scorer_of(subset)
+        values = []
+        drawn = []
+        for columns in (first, second):
+            values.append(score(self.pool.confidence(columns, method)))
+            drawn.append(self.pool.retrained(columns, method, self.retrainings, subset))
+        return spread(values[0] - values[1], drawn[0] - drawn[1], together(parts), SHARE_DIFFERENCE)
 
 
 def all_findings(
@@ -283,15 +270,16 @@ def all_findings(
         sets={band: pool.search([f"{f}_{band}" for f in FEATURES], "A", 3) for band in SUBBANDS}
         | {"all": pool.search(all_forty(), "A", 5)},
         blind=blind_scores(calibration, blind) if blind else {},
+        draws=draws,
     )
     views = {
         name: prescreened(calibration, "HH", name, recipe) for name in ("wide", "largest", "mean")
     }
     findings = [
-        *_prescreener_findings(tables.channels, views, clutter_levels(calibration), draws),
-        *_feature_findings(pool, tables.by_band["F1"], tables.searches, draws),
-        *_band_findings(tables, draws),
-        *_curve_findings(tables, draws),
+        *_prescreener_findings(tables, views, clutter_levels(calibration)),
+        *_feature_findings(tables),
+        *_band_findings(tables),
+        *_curve_findings(tables),
     ]
     return findings, tables
 
@@ -324,10 +312,10 @@ def blind_scores(
 
 
 def _prescreener_findings(
-    channels: Channels, views: Mapping[str, Match], levels: pd.DataFrame, draws: int
+    tables: Tables, views: Mapping[str, Match], levels: pd.DataFrame
 ) -> list[Finding]:
     """Judge what the paper says of the prescreener's channel (Sec. II-C, Fig. 8 and 9)."""
-    matches = {" ".join(channel): match for channel, match in channels.items()} | dict(views)
+    matches = {" ".join(channel): match for channel, match in tables.channels.items()} | dict(views)
 
     def compared(name: str, **words: str) -> dict[str, Interval]:
         """Return PD_mean of every declared pair of run-views, the first less the second."""
@@ -335,7 +323,7 @@ def _prescreener_findings(
         pairs = _STATEMENTS.declared[name]["pairs"]
         for title, *views in pairs:
             first, second = [matches[view.format(**words)] for view in views]
-            gaps[title] = pd_mean_gap(first, second, draws, len(pairs))
+            gaps[title] = pd_mean_gap(first, second, tables.draws, len(pairs))
         return gaps
 
     clutter = {}
@@ -356,17 +344,18 @@ def _prescreener_findings(
     ]
 
 
-def _feature_findings(
-    pool: Pool, table: pd.DataFrame, searches: Searches, draws: int
-) -> list[Finding]:
+def _feature_findings(tables: Tables) -> list[Finding]:
     """Judge what the paper says of single features and their combinations (Tables I and II)."""
-    singles = SingleFeatures(pool, table, retrainings(draws))
-    steps = {name: np.array([step.score for step in found]) for name, found in searches.items()}
-    drawn_steps = pool.searches_in(F1, "ABCD", retrainings(draws))
+    pool = tables.pool
+    singles = SingleFeatures(tables)
+    steps = {
+        name: np.array([step.score for step in found]) for name, found in tables.searches.items()
+    }
+    drawn_steps = pool.in_draws(_scores_by_step, F1, "ABCD", tables.retrainings)
     contrast = pool.match_of(pool.confidence(_CONTRAST, "A"))
     magnitude = pool.match_of(pool.magnitude())
     gains = {
-        f"{kind}, C_HH - magnitude": pd_mean_gap(contrast, magnitude, draws, 2, subset)
+        f"{kind}, C_HH - magnitude": pd_mean_gap(contrast, magnitude, tables.draws, 2, subset)
         for kind, subset in BURIED.items()
     }
     levels = dict(zip(FEATURES, singles.values["A"], strict=True))
@@ -381,14 +370,19 @@ def _feature_findings(
         _STATEMENTS.larger("best-feature", best, level=levels["C_HH"]),
         _STATEMENTS.larger("contrast", gains),
         _level_finding(singles),
-        *_more_feature_findings(pool, searches, draws),
+        *_more_feature_findings(tables),
         *_duplication_findings(singles, steps, drawn_steps),
         _STATEMENTS.within("validation", validated),
         _STATEMENTS.larger("parting", slope),
         _STATEMENTS.larger("weak", stronger, alpha=levels["P_alpha"], psi=levels["P_psi"]),
         _STATEMENTS.within("single-duplication", duplicated),
-        *_distribution_findings(pool, draws),
+        *_distribution_findings(tables),
     ]
+
+
+def _scores_by_step(folds: list[Fold], samples: int, scorer: Any) -> list[float]:
+    """Return PD_mean after every step of a forward search."""
+    return [step.score for step in forward_search(folds, samples, scorer)]
 
 
 def _level_finding(singles: SingleFeatures) -> Finding:
@@ -400,21 +394,21 @@ def _level_finding(singles: SingleFeatures) -> Finding:
     return _STATEMENTS.number("level", level, figure=figure, validated=validated)
 
 
-def _more_feature_findings(pool: Pool, searches: Searches, draws: int) -> list[Finding]:
+def _more_feature_findings(tables: Tables) -> list[Finding]:
     """Judge what more features give, by every method and for simulants.
 
     See Table II and the text below Fig. 13.
     """
     best_sets = {}
-    for method, search in searches.items():
+    for method, search in tables.searches.items():
         best = int(np.argmax([step.score for step in search]))
         best_sets[method] = [F1[step.feature] for step in search[: best + 1]]
     below = {}
     for method in "ABC":
-        gain = retrained_gap(pool, best_sets[method], _CONTRAST, draws, 3, method)
+        gain = tables.gap(best_sets[method], _CONTRAST, 3, method)
         below[f"({method}) {_HARDLY} less the gain"] = limit_less(_HARDLY, gain)
-    gain = retrained_gap(pool, best_sets["D"], _CONTRAST, draws, 1, "D")
-    of_simulants = retrained_gap(pool, best_sets["A"], _CONTRAST, draws, subset=SIMULANTS)
+    gain = tables.gap(best_sets["D"], _CONTRAST, 1, "D")
+    of_simulants = tables.gap(best_sets["A"], _CONTRAST, subset=SIMULANTS)
     simulants = {f"{_HARDLY} less the gain": limit_less(_HARDLY, of_simulants)}
     features = ", ".join(best_sets["A"])
     return [
@@ -455,11 +449,11 @@ def _duplication_findings(
     ]
 
 
-def _distribution_findings(pool: Pool, draws: int) -> list[Finding]:
+def _distribution_findings(tables: Tables) -> list[Finding]:
     """Judge what the paper says of the features' distributions."""
 
     def rank(feature: str, parts: int) -> Interval:
-        value, drawn = pool.outranks(f"{feature}_F1", retrainings(draws))
+        value, drawn = tables.pool.outranks(f"{feature}_F1", tables.retrainings)
         return spread(value, drawn, together(parts), SHARE)
 
     findings = [
@@ -475,25 +469,21 @@ def _distribution_findings(pool: Pool, draws: int) -> list[Finding]:
     return findings
 
 
-def _band_findings(tables: Tables, draws: int) -> list[Finding]:
+def _band_findings(tables: Tables) -> list[Finding]:
     """Judge what the paper says of features of other sub-bands (Tables III and IV)."""
-    pool = tables.pool
     three = {}
     for band in SUBBANDS:
         three[band] = [f"{FEATURES[step.feature]}_{band}" for step in tables.sets[band]]
-    gaps = {
-        f"F1 - {band}": retrained_gap(pool, three["F1"], three[band], draws, 3)
-        for band in SUBBANDS[1:]
-    }
+    gaps = {f"F1 - {band}": tables.gap(three["F1"], three[band], 3) for band in SUBBANDS[1:]}
     five = [all_forty()[step.feature] for step in tables.sets["all"]]
-    gain = retrained_gap(pool, five, five[:1], draws)
+    gain = tables.gap(five, five[:1])
     ratios = []
     for feature in ("R_HH_HV", "R_VV_HV"):
         scores = [f"{band} {tables.by_band[band][feature]['A']:.2f}" for band in SUBBANDS]
-        gap = retrained_gap(pool, [f"{feature}_F1"], [f"{feature}_F4"], draws)
+        gap = tables.gap([f"{feature}_F1"], [f"{feature}_F4"])
         words = {"feature": feature, "scores": ", ".join(scores)}
         ratios.append(_STATEMENTS.larger("ratio", {"F1 - F4": gap}, **words))
-    wide = retrained_gap(pool, _CONTRAST, ["C_HH_F0"], draws)
+    wide = tables.gap(_CONTRAST, ["C_HH_F0"])
     return [
         _STATEMENTS.larger("three-features", gaps),
         _STATEMENTS.larger("other-subbands", {"0.03 less the gain": limit_less(0.03, gain)}),
@@ -502,7 +492,7 @@ def _band_findings(tables: Tables, draws: int) -> list[Finding]:
     ]
 
 
-def _curve_findings(tables: Tables, draws: int) -> list[Finding]:
+def _curve_findings(tables: Tables) -> list[Finding]:
     """Judge what the paper says of points of the final curves (Sec. III and Fig. 14)."""
     pool = tables.pool
     contrast = pool.match_of(pool.confidence(_CONTRAST, "A"))
@@ -531,6 +521,6 @@ def _curve_findings(tables: Tables, draws: int) -> list[Finding]:
     gaps = {}
     for lanes, scores in (("calibration", calibration), ("blind", tables.blind)):
         for kind, subset in BURIED.items() if scores else ():
-            gap = pd_mean_gap(scores["B"], scores["A"], draws, 4, subset)
+            gap = pd_mean_gap(scores["B"], scores["A"], tables.draws, 4, subset)
             gaps[f"{kind}, {lanes}: B - A"] = gap
     return [*findings, _STATEMENTS.within("classifiers", gaps)]

@@ -11,14 +11,14 @@ import re
 import tomllib
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 from flgpr.model import load_sensor
 from flgpr.simulate import Scene, Sensor
 from flgpr.simulate.bodies.signature.table import body_size
+from flgpr.types import Entries
 from flgpr_papers.kit.mines import mix_counts
 from flgpr_papers.kit.settings import packaged_text
-from flgpr_papers.kit.study_worlds import AS_FOUND, OWN, StudyWorld, study_world
+from flgpr_papers.kit.study_worlds import OWN, StudyWorld, study_world
 
 LaneScenes = dict[str, tuple[Scene, int]]
 """Scene and seed of each lane by its name."""
@@ -42,22 +42,12 @@ def blind_scenes(world: str = OWN) -> LaneScenes:
     return _scenes("blind", study_world("wang2007", world))
 
 
-def quick_scenes(site: str | None = None, world: str = OWN) -> tuple[LaneScenes, LaneScenes]:
-    """Return small calibration and blind lanes that only show that everything runs.
+def quick_scenes(world: str = OWN) -> tuple[LaneScenes, LaneScenes]:
+    """Return small calibration and blind lanes of a world that only show that everything runs.
 
     They have few targets and thinned surface clutter.
-
-    Parameters
-    ----------
-    site : str, optional
-        Site of the lanes: a packaged one, or the path of a file. The mines have generic bodies
-        then, as on roads as found.
-    world : str
-        World whose site and bodies the lanes have, where there is no ``site``.
     """
-    declared = study_world("wang2007", world if site is None else AS_FOUND)
-    if site is not None:
-        declared = declared.model_copy(update={"sites": {"lane": site}})
+    declared = study_world("wang2007", world)
     return _scenes("quick-calibration", declared), _scenes("quick-blind", declared)
 
 
@@ -84,8 +74,8 @@ def _scenes(form: str, world: StudyWorld) -> LaneScenes:
 
 
 def deal_bodies(
-    lanes: Mapping[str, list[dict[str, Any]]], mixes: Mapping[str, str]
-) -> dict[str, list[dict[str, Any]]]:
+    lanes: Mapping[str, list[Entries]], mixes: Mapping[str, str]
+) -> dict[str, list[Entries]]:
     """Assign the bodies of mixes to the draws of several lanes, over all lanes and depths.
 
     The shares of a mix hold over all lanes together: a draw of three mines alone cannot have those
@@ -112,7 +102,7 @@ def deal_bodies(
     for (kind, lies), count in pools.items():
         if kind in mixes:
             stacks[kind, lies] = _stack(mixes[kind], count)
-    dealt: dict[str, list[dict[str, Any]]] = {name: [] for name in lanes}
+    dealt: dict[str, list[Entries]] = {name: [] for name in lanes}
     for name, draws in lanes.items():
         for draw in draws:
             stack = stacks.get((draw["kind"], draw["depth"] < 0))

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from flgpr.clutter import Background
 from flgpr.design.point_spread import PointSpread
@@ -34,6 +33,7 @@ from flgpr.scoring.curve import held_pd_mean
 from flgpr.screen import MeanViewSums, RunViewSums, view_array
 from flgpr.simulate import Scene
 from flgpr.store import open_run, read_manifest, sha256
+from flgpr.types import AnyArray, Arrays, Entries, floats
 from flgpr_papers.kit.cache import read_arrays, store_lane, write_arrays
 from flgpr_papers.kit.intervals import SHARE, spread
 from flgpr_papers.kit.page import HEADER, detections_at, point_rows
@@ -51,13 +51,12 @@ from flgpr_papers.wang2007.analysis import (
     POLARIZATIONS,
     SIMULANTS,
     LaneResult,
-    Pool,
     all_forty,
     clutter_levels,
 )
 from flgpr_papers.wang2007.examples import save_examples
 from flgpr_papers.wang2007.figures import Measured
-from flgpr_papers.wang2007.findings import SETS, Tables, all_findings, retrainings
+from flgpr_papers.wang2007.findings import SETS, Tables, all_findings
 from flgpr_papers.wang2007.lanes import (
     F1_BAND,
     LaneScenes,
@@ -69,7 +68,7 @@ from flgpr_papers.wang2007.lanes import (
 )
 
 
-def page_facts(measured: Measured) -> dict[str, Any]:
+def page_facts(measured: Measured) -> Entries:
     """Return what the captions and their numbers take."""
     recipe = measured.recipe
     radar = measured.radar
@@ -117,7 +116,7 @@ def page_facts(measured: Measured) -> dict[str, Any]:
     }
 
 
-def _alarm_facts(measured: Measured) -> dict[str, Any]:
+def _alarm_facts(measured: Measured) -> Entries:
     """Return what the captions say of clutter, alarms and Pd."""
     recipe = measured.recipe
     calibration = measured.calibration
@@ -151,7 +150,7 @@ def _alarm_facts(measured: Measured) -> dict[str, Any]:
     }
 
 
-def likeness(series: NDArray[Any]) -> float:
+def likeness(series: AnyArray) -> float:
     """Return the mean correlation of neighbouring images of a series, of their levels in dB.
 
     Parameters
@@ -159,7 +158,7 @@ def likeness(series: NDArray[Any]) -> float:
     series : (image, y, x) ndarray
         Magnitudes.
     """
-    levels = np.log(np.maximum(series.reshape(len(series), -1).astype(np.float64), 1e-30))
+    levels = np.log(np.maximum(floats(series.reshape(len(series), -1)), 1e-30))
     return float(np.mean([np.corrcoef(first, second)[0, 1] for first, second in pairwise(levels)]))
 
 
@@ -169,18 +168,18 @@ def _pd(matched: Match, subset: Any, far: float) -> str:
     return f"{n_found} of {targets}, chance {by_chance:.0%}"
 
 
-def page_tables(measured: Measured) -> dict[str, Any]:
+def page_tables(measured: Measured) -> Entries:
     """Return what the template of the page takes."""
     tables = measured.tables
     pool = tables.pool
     score, confidence, chosen = pool.nested(all_forty()[:10], 5)
-    low, high = pool.interval(confidence, measured.draws)
+    low, high = pool.interval(confidence, tables.draws)
     return {
         "radar": measured.radar,
         "lanes": [*measured.calibration, *measured.blind],
         "header": HEADER,
         "points": _point_rows(tables),
-        "retrained": _retrained(pool, measured.draws),
+        "retrained": _retrained(tables),
         "methods": METHODS,
         "features": list(FEATURES),
         "numbered": [f"#{number} {name}" for number, name in enumerate(FEATURES, start=1)],
@@ -204,24 +203,25 @@ def _point_rows(tables: Tables) -> list[tuple[str, ...]]:
     for name, columns in SETS.items():
         matches[f"{name}, calibration"] = pool.match_of(pool.confidence(columns, "C"))
     blind_matches = {f"{name}, blind": match for name, match in tables.blind.items()}
-    subsets: Mapping[str, Any]
+    subsets: Entries
     subsets = {"buried metal": BURIED_METAL, "buried plastic": BURIED_PLASTIC, "mines": MINES}
     rows = point_rows(matches, {**subsets, "simulants": SIMULANTS}, area=AREA)
     return rows + point_rows(blind_matches, subsets, area=AREA)
 
 
-def _retrained(pool: Pool, draws: int) -> list[tuple[Any, ...]]:
+def _retrained(tables: Tables) -> list[tuple[Any, ...]]:
     """Return PD_mean of both classifiers by methods A and C, with two intervals.
 
     The first is over lanes and targets alone, the second with training in every draw.
     """
+    pool = tables.pool
     rows = []
     for (name, columns), method in product(SETS.items(), "AC"):
         confidence = pool.confidence(columns, method)
         value = pool.scorer(confidence)
-        drawn = pool.retrained(columns, method, retrainings(draws))
+        drawn = pool.retrained(columns, method, tables.retrainings)
         anew = spread(value, drawn, bounds=SHARE)[1:]
-        rows.append((name, METHODS[method], value, pool.interval(confidence, draws), anew))
+        rows.append((name, METHODS[method], value, pool.interval(confidence, tables.draws), anew))
     return rows
 
 
@@ -235,13 +235,12 @@ def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
     A simulated lane or a lane's result that is on disk is used if it was made from the same scene,
     sensor and recipe.
     """
-    draws = 100 if quick else 1000
     calibration, blind = [
         [make_part(folder, name, quick, world, track) for name in scenes]
         for scenes in lane_scenes(quick, world)
     ]
     recipe = parse_recipe(packaged_text("wang2007"))
-    findings, tables = all_findings(calibration, blind, recipe, draws)
+    findings, tables = all_findings(calibration, blind, recipe, 100 if quick else 1000)
     measured = Measured(
         recipe=recipe,
         radar=sensor(),
@@ -249,7 +248,6 @@ def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
         blind=blind,
         tables=tables,
         examples=read_arrays(folder / "results" / "examples.bundle"),
-        draws=draws,
     )
     return Outcome(
         findings=findings,
@@ -262,7 +260,7 @@ def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
 def lane_scenes(quick: bool, world: str = OWN) -> tuple[LaneScenes, LaneScenes]:
     """Return the scenes of the calibration and of the blind lanes."""
     if quick:
-        return quick_scenes(world=world)
+        return quick_scenes(world)
     return calibration_scenes(world), blind_scenes(world)
 
 
@@ -365,11 +363,11 @@ def lane_result(
 class LargestViewSums(RunViewSums):
     """Find the largest magnitude at every pixel of the lane."""
 
-    def _view(self, sums: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+    def _view(self, sums: Mapping[str, AnyArray]) -> AnyArray:
         return sums["first"]
 
 
-def other_views(imaged: ImagedRun, track: Track) -> dict[str, NDArray[Any]]:
+def other_views(imaged: ImagedRun, track: Track) -> Arrays:
     """Compute other run-views of the prescreener's channel, by the names ``VIEWS``.
 
     "wide" is over the full range of the images; "largest" and "mean" take the largest or the mean of
@@ -413,7 +411,7 @@ def other_views(imaged: ImagedRun, track: Track) -> dict[str, NDArray[Any]]:
         magnitude = background.magnitude(image.values, np.ascontiguousarray(gain[channel]))
         for of_view in sums.values():
             of_view.add(magnitude[0, 0], imager.grid, np.asarray(image.attrs["pose"]))
-    arrays: dict[str, NDArray[Any]] = {}
+    arrays: Arrays = {}
     for name, of_view in sums.items():
         arrays[name], arrays[f"{name} looks"] = of_view.result()
     return arrays
