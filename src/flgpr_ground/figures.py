@@ -123,7 +123,7 @@ def _draw_kind(
     panel: Axes, scores: pd.DataFrame, kind: str, tiers: Sequence[str], entries: list[str]
 ) -> None:
     """Draw the panel of one kind of target, whose scores are given."""
-    row_heights = floats(range(len(entries)))
+    row_heights = np.arange(len(entries), dtype=float)
     _set_rows(panel, row_heights, entries)
     panel.axvspan(PD_AXIS[0], float(scores["chance"].max()), color="0.8", zorder=1, lw=0)
 
@@ -241,7 +241,7 @@ def leaderboard_figure(
 
 def _draw_board(panel: Axes, tier: Ground, rows: Sequence[Any], submitted: Container[str]) -> None:
     """Draw the panel of a tier, the first row on top."""
-    row_heights = floats(range(len(rows)))[::-1]
+    row_heights = np.arange(len(rows), dtype=float)[::-1]
     names = []
     for row in rows:  # a long name would leave no room for the panel
         fits = len(row.entry) <= LONGEST_NAME
