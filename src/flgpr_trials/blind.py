@@ -20,6 +20,7 @@ from flgpr.scoring.chance_level import Chance, chance
 from flgpr.scoring.curve import operating_row
 from flgpr.scoring.lane_roc import assign, roc_of
 from flgpr.scoring.matching import Match, match
+from flgpr.types import Entries, PathLike
 from flgpr_trials.ledger import (
     RegisterLike,
     WitnessedRegister,
@@ -71,7 +72,7 @@ class BlindScore:
     points: pd.DataFrame
     #: ``n_alarms``, ``n_targets``, ``area`` (m²), ``halo_radius`` (m), ``area_rule``, and
     #: ``targets_outside``, where targets lie too far outside the lane to be found or missed
-    counts: dict[str, Any]
+    counts: Entries
     looks: int  #: how often this truth was scored or opened so far, this time included
     lists: int  #: number of different alarm lists among them
     #: where the truth's owner allows it, a row per target: ``target_id``, ``kind``, ``depth``, and
@@ -79,15 +80,15 @@ class BlindScore:
     #: never a position
     targets: pd.DataFrame | None = None
     #: the register's line of the recipe, if that had to be there
-    registered: dict[str, Any] | None = None
+    registered: Entries | None = None
     #: of the ``log`` and the ``register``, the number of ``lines`` and the ``head``, the last one's
     #: hash, which an older copy lacks
-    heads: dict[str, dict[str, Any]] = field(default_factory=dict)
+    heads: dict[str, Entries] = field(default_factory=dict)
 
 
 def open_truth(
     path: str | Path, passphrase: str, log: str | Path | None = None
-) -> tuple[pd.DataFrame, dict[str, Any], dict[str, Any]]:
+) -> tuple[pd.DataFrame, Entries, Entries]:
     """Decrypt what :func:`flgpr.trials.seal_truth` wrote, which the log counts as a look.
 
     Parameters
@@ -118,15 +119,13 @@ def open_truth(
     return opened.truth, opened.lanes, opened.rules
 
 
-def _enter(
-    identity: str, log: RegisterLike, **entry: Any
-) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+def _enter(identity: str, log: RegisterLike, **entry: Any) -> tuple[list[Entries], list[Entries]]:
     """Enter a look into a log; return the truth's looks, this one last, and all lines."""
     lines = enter(log, lambda _: {"sealed": identity, **entry})
     return _looks(identity, lines), lines
 
 
-def _looks(identity: str, lines: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def _looks(identity: str, lines: Sequence[Entries]) -> list[Entries]:
     """Return the lines of a log that are looks at a sealed truth."""
     looks = []
     for line in lines:
@@ -135,7 +134,7 @@ def _looks(identity: str, lines: Sequence[dict[str, Any]]) -> list[dict[str, Any
     return looks
 
 
-def _log_of(sealed: str | Path, log: str | Path | None, identity: str) -> Path:
+def _log_of(sealed: PathLike, log: PathLike | None, identity: str) -> Path:
     """Return the log of a sealed truth.
 
     All links to it have one log, and so have copies under other names in its folder.
@@ -211,7 +210,7 @@ def blind_score(look: BlindLook) -> BlindScore:
     rules = look.rules
     area = rules["area"]
     column = rules["by"]
-    subsets: dict[str, Any] = {"all": None}
+    subsets: Entries = {"all": None}
     if column is not None:
         for value in sorted(look.truth[column].dropna().unique()):
             subsets[str(value)] = {column: value}
@@ -246,21 +245,21 @@ class BlindLook:
     truth: pd.DataFrame  #: truth table, of targets that the searched ground can show
     #: ``targets_outside``, how many lie farther outside than the halo, if there are any: no misses
     outside: dict[str, int]
-    rules: dict[str, Any]  #: ``halo``, ``area``, ``by`` and ``show``
-    looks: list[dict[str, Any]]  #: all looks so far, this one last
-    line: dict[str, Any] | None  #: the register's line of the recipe
+    rules: Entries  #: ``halo``, ``area``, ``by`` and ``show``
+    looks: list[Entries]  #: all looks so far, this one last
+    line: Entries | None  #: the register's line of the recipe
     #: of the ``log`` and the ``register``: number of lines, and the last one's hash
-    heads: dict[str, dict[str, Any]]
+    heads: dict[str, Entries]
 
 
 def match_blind(
     alarms: pd.DataFrame,
-    sealed: str | Path,
+    sealed: PathLike,
     passphrase: Phrase,
-    log: str | Path | None = None,
+    log: PathLike | None = None,
     only_lanes: Sequence[str] = (),
     registered: Registration | None = None,
-    witness: str | Path | None = None,
+    witness: PathLike | None = None,
 ) -> BlindLook:
     """Match an alarm list to a sealed truth, and enter the look before anything is returned.
 
@@ -324,8 +323,8 @@ def match_blind(
 
 
 def _admitted(
-    sealed: str | Path, log: Path, opened: SealedTruth, registered: Registration | None
-) -> dict[str, Any] | None:
+    sealed: PathLike, log: Path, opened: SealedTruth, registered: Registration | None
+) -> Entries | None:
     """Return the register's line of the recipe, or refuse the look.
 
     It is None for a truth without a register.

@@ -25,6 +25,7 @@ from flgpr.json_text import parse_json
 from flgpr.model import check_truth
 from flgpr.scoring.lane_roc import roc_of
 from flgpr.scoring.matching import LaneLike, as_lanes, match, one_of
+from flgpr.types import Entries
 
 FORMAT = "flgpr-sealed-truth-2"
 _COST = 2**17  # N of scrypt: half a second and 128 MiB for every guess; less is not opened either
@@ -143,14 +144,14 @@ def seals(
     return _as_json(sealed) == expected, opened.register
 
 
-def _as_json(content: dict[str, Any]) -> Any:
+def _as_json(content: Entries) -> Any:
     """Return a content as reading its JSON gives it."""
     return json.loads(json.dumps(content, default=_json_value))
 
 
 def _to_seal(
     truth: pd.DataFrame, lane: LaneLike, halo: float, area: str, by: str | None, show: str
-) -> dict[str, Any]:
+) -> Entries:
     """Return the checked content of a sealed file."""
     lanes = as_lanes(lane)
     one_of("show", show, SHOWS)
@@ -172,8 +173,8 @@ class SealedTruth:
 
     identity: str  #: name under which its looks are counted
     truth: pd.DataFrame
-    lanes: dict[str, Any]
-    rules: dict[str, Any]
+    lanes: Entries
+    rules: Entries
     register: dict[str, str] | None  #: the register that it is bound to
 
 
@@ -224,7 +225,7 @@ def decrypt_truth(path: str | Path, passphrase: Phrase) -> SealedTruth:
     return SealedTruth(content["identity"], truth, content["lanes"], rules, content.get("book"))
 
 
-def _header(salt: bytes, nonce: bytes) -> dict[str, Any]:
+def _header(salt: bytes, nonce: bytes) -> Entries:
     """Return the part of a sealed file that is not encrypted; all of it is authenticated."""
     return {
         "format": FORMAT,
@@ -240,7 +241,7 @@ def _file_content(header: Mapping[str, Any], ciphertext: bytes) -> bytes:
     return json.dumps(content, indent=1).encode() + b"\n"
 
 
-def _read_sealed(path: Path) -> tuple[dict[str, Any], bytes]:
+def _read_sealed(path: Path) -> tuple[Entries, bytes]:
     """Read header and ciphertext of a sealed file, which must be as it was written."""
     data = read_named(path, _MOST_BYTES)
     try:

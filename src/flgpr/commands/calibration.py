@@ -14,9 +14,8 @@ from flgpr.commands.positions import track_of
 from flgpr.store import open_run, save_run
 from flgpr.store.files import existing
 from flgpr.store.text_tables import read_text_table
-from flgpr.types import FloatArray
+from flgpr.types import FloatArray, PathLike
 
-PathLike = str | Path
 _COLUMNS = ("x_m", "y_m", "z_m")
 
 

@@ -34,6 +34,7 @@ from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:
     from flgpr.results.result import Result, Survey
+    from flgpr.types import Entries
 
 TRAINED_ON_THIS_RUN = (
     "the model was trained on this very run: what it finds here says nothing of other ground"
@@ -103,7 +104,7 @@ def _as_json(returned: Result | Survey, call: Arguments) -> Any:
     return summaries if len(call.runs) > 1 or len(summaries) > 1 else summaries[0]
 
 
-def _summary(result: Result) -> dict[str, Any]:
+def _summary(result: Result) -> Entries:
     """Return number of alarms, scans left out, and folder of a result."""
     run = result.manifest["run"]
     summary = {
@@ -120,7 +121,7 @@ def _summary(result: Result) -> dict[str, Any]:
     return summary
 
 
-def _one_run(call: Arguments) -> dict[str, Any]:
+def _one_run(call: Arguments) -> Entries:
     """Return the run alone where the command line names one: a list is a survey."""
     return {"runs": call.runs[0]} if len(call.runs) == 1 else {}
 

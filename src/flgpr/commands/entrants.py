@@ -23,8 +23,8 @@ from flgpr.store import sha256
 from flgpr.store.dialects import TableReading
 from flgpr.store.files import existing
 from flgpr.store.tables import parse_own_table, parse_table
+from flgpr.types import PathLike
 
-PathLike = str | Path
 _HEAD_LINES = 50  # of an alarm list in which its comments are looked for
 _HEAD_BYTES = 20_000
 _LONGEST_VENDOR = 120  # characters

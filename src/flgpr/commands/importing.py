@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 import xarray as xr
 
-from flgpr.commands.positions import PathLike, read_optional_anchor, tied_run, track_of
+from flgpr.commands.positions import read_optional_anchor, tied_run, track_of
 from flgpr.formats import nmea_places
 from flgpr.formats.mapped import Imported
 from flgpr.geo import anchor_from_fixes
@@ -16,6 +16,7 @@ from flgpr.geo.anchor import Anchor
 from flgpr.model.motion import judge_run
 from flgpr.store import save_run, write_geojson, write_table
 from flgpr.store.run_writer import is_stored
+from flgpr.types import PathLike
 
 
 def check_parent_folder(output: PathLike) -> Path:

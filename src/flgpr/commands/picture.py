@@ -21,12 +21,11 @@ from flgpr.progress import Track, silent
 from flgpr.store import open_run
 from flgpr.store.extras import optional
 from flgpr.store.outputs import atomic_output
-from flgpr.types import FloatArray, floats
+from flgpr.types import Entries, FloatArray, PathLike, floats
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PathLike = str | Path
 _GROUND = View()
 _IMAGE_QUANTITY = "magnitude of the focused image, in the arbitrary unit of the run's signal"
 _PICTURES = (".png", ".npz", ".zarr", ".tif")
@@ -63,7 +62,7 @@ class Picture(FocusedImage):
             )
         yield from noted(self.notes)
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> Entries:
         """Return the figures of the picture."""
         return {
             "spacing_m": self.spacing,
@@ -84,7 +83,7 @@ class Slices(FocusedImage):
         yield f"{self.scans} scans, {sizes['z']} slices of {pixels}"
         yield from noted(self.notes)
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> Entries:
         """Return the figures of the slices."""
         return {
             "scans": self.scans,
@@ -321,6 +320,6 @@ def write_drawing(
             np.savez(partial, **arrays())
 
 
-def _arrays(image: xr.DataArray) -> dict[str, Any]:
+def _arrays(image: xr.DataArray) -> Entries:
     """Return the arrays of an image and its axes by name."""
     return {"image": image.values} | {str(name): one.values for name, one in image.coords.items()}

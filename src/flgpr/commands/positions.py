@@ -13,8 +13,7 @@ from flgpr.geo.anchor import Anchor, own_anchor, read_anchor
 from flgpr.store.dialects import TableReading, parse_columns_option
 from flgpr.store.files import existing
 from flgpr.store.notes import log_note
-
-PathLike = str | Path
+from flgpr.types import PathLike
 
 
 def read_optional_anchor(anchor: PathLike | Anchor | None) -> Anchor | None:

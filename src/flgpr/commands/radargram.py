@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,12 +24,11 @@ from flgpr.formats.reader import recording_reader
 from flgpr.formats.section import GprSection
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.store import MAX_MEMORY
-from flgpr.types import FloatArray, IntArray, floats
+from flgpr.types import Entries, FloatArray, IntArray, PathLike, floats
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PathLike = str | Path
 ENDINGS = (".png", ".npz")
 _MOST_SAMPLES = 50_000_000  # of a radargram
 
@@ -73,7 +72,7 @@ class Radargram:
             yield f"step: {step}"
         yield from noted(self.notes)
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> Entries:
         """Return the figures of the radargram."""
         traces, samples = self.values.shape
         return {
@@ -217,7 +216,7 @@ def _figure(drawn: Radargram) -> Figure:
     )
 
 
-def _arrays(drawn: Radargram) -> dict[str, Any]:
+def _arrays(drawn: Radargram) -> Entries:
     """Return the arrays of a radargram; without distances they are an empty array."""
     return {
         "values": drawn.values,

@@ -5,8 +5,6 @@ Targets out of reach are counted apart. Of what is doubtful a warning tells; not
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pandas as pd
 
@@ -15,7 +13,7 @@ from flgpr.report.trial_block import borders_in_words
 from flgpr.scoring import as_lanes
 from flgpr.scoring.matching import LaneLike, Match, stated_lanes
 from flgpr.store.notes import log_note
-from flgpr.types import BoolArray
+from flgpr.types import BoolArray, Entries
 
 _SHARE_OUTSIDE = 0.5  # of the rows, above which the axes may be swapped
 _ROW_NAMES = {"alarms": "alarms", "truth": "targets"}
@@ -27,7 +25,7 @@ _DEEPEST = 1.0  # m, below which no mine is laid: a greater depth is likely in a
 
 def targets_in_reach(
     targets: pd.DataFrame, lanes: LaneLike, halo: float, name: str
-) -> tuple[pd.DataFrame, dict[str, Any]]:
+) -> tuple[pd.DataFrame, Entries]:
     """Return the targets whose halo touches the searched ground, and a note on the others.
 
     No alarm of that ground can be a hit on a target that lies farther outside than the halo. It is
@@ -249,7 +247,7 @@ def _depth_doubts(table: pd.DataFrame, row_name: str) -> list[str]:
     ]
 
 
-def refuse_elsewhere(alarms: pd.DataFrame, lanes: LaneLike, name: str) -> dict[str, Any]:
+def refuse_elsewhere(alarms: pd.DataFrame, lanes: LaneLike, name: str) -> Entries:
     """Refuse a list of which every alarm lies outside the lane; return how many others do.
 
     Such a list belongs to another lane, or its columns are not what they seem: a score of it would

@@ -46,8 +46,7 @@ from flgpr.store.files import existing
 from flgpr.store.tables import parse_table, read_columns
 from flgpr.store.view_format import VIEW_SCORE
 from flgpr.toml_text import parse_toml
-
-PathLike = str | Path
+from flgpr.types import Entries, PathLike
 
 
 @dataclass(frozen=True)
@@ -289,7 +288,7 @@ def open_truth(
     lanes: LaneLike,
     rules: Rules,
     tables: Sequence[pd.DataFrame] = (),
-) -> tuple[pd.DataFrame, list[dict[str, Any]]]:
+) -> tuple[pd.DataFrame, list[Entries]]:
     """Open a truth for alarm lists, by its register where it has one.
 
     Parameters
@@ -341,7 +340,7 @@ def open_truth(
 
 def _open_without_register(
     request: ScoreRequest, entrants: Sequence[Entrant]
-) -> tuple[pd.DataFrame, list[dict[str, Any]]]:
+) -> tuple[pd.DataFrame, list[Entries]]:
     """Read a truth that has no register, and note the digests."""
     options = request.trial.options()
     if options:
@@ -405,7 +404,7 @@ def _result_files(
     if results_at(folder) != [folder]:
         for section in results_at(folder):
             sections[section.name] = _page_address(section, request.output)
-    page: dict[str, Any] = {"result": result, "objects": objects, "sections": sections}
+    page: Entries = {"result": result, "objects": objects, "sections": sections}
     if result.recipe.score.area == "frames":
         page = {"title": scores[0].title}
     files: dict[str, bytes | str] = {}

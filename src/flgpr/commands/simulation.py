@@ -30,8 +30,7 @@ from flgpr.simulate.bodies.signature import (
 from flgpr.simulate.preview import preview_scene
 from flgpr.store.files import naming_output
 from flgpr.store.outputs import atomic_output, locked_folder, log_finished, output_exists_error
-
-PathLike = str | Path
+from flgpr.types import PathLike
 
 
 def ground_echo_lines(sensor: Sensor) -> list[str]:

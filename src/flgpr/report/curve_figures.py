@@ -12,6 +12,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from flgpr.model.figure_text import show_dollar_signs
+from flgpr.types import Entries
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,7 +28,7 @@ _DOTS = (0, (1, 2))  # of chance alone
 _COMPARED_DASHES = ("-", "--", "-.", (0, (6, 1, 1, 1, 1, 1)))  # dots alone are chance
 MARKS = "osD^vP*X"
 _DODGE = 0.006  # of the axis, by which the intervals of detectors stand apart
-_NO_METADATA: dict[str, Any] = {
+_NO_METADATA: Entries = {
     "png": {"Software": None},
     "pdf": {"CreationDate": None, "Producer": None, "Creator": None},
     "svg": {"Date": None, "Creator": None},
@@ -156,7 +157,7 @@ def compared_roc_figure(
     axes = panels[0]
     step = _DODGE * end
     for number, (name, curve) in enumerate(curves.items()):
-        style: dict[str, Any] = {
+        style: Entries = {
             "color": GREY_ORDERED[number % len(GREY_ORDERED)],
             "ls": _COMPARED_DASHES[number % len(_COMPARED_DASHES)],
             "lw": 1.7,

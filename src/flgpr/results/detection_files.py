@@ -24,7 +24,7 @@ from flgpr.store.files import write_whole
 from flgpr.store.notes import log_note
 from flgpr.store.tables import parse_columns, parse_own_table
 from flgpr.store.writing import write_geojson, write_table
-from flgpr.types import FloatArray
+from flgpr.types import Entries, FloatArray
 
 if TYPE_CHECKING:
     from flgpr.geo import Anchor
@@ -38,7 +38,7 @@ def write_detection(folder: Path, detection: Detection, reference: Any, recipe_t
     """Write the tables and the run-view of one detection, and its recipe where it is not the result's own."""
     write_table(detection.alarms, folder / "alarms.csv")
     _write_points(detection.alarms, folder, reference, sha256(recipe_text.encode()))
-    arrays: dict[str, Any] = {}
+    arrays: Entries = {}
     for name in ("y", "x", "looks"):
         arrays[name] = np.asarray(detection.view[name].values)
     for name in ("polarization", "subband"):
@@ -189,7 +189,7 @@ def parse_view(data: bytes) -> xr.DataArray:
 
 def _frames_bytes(alarms: pd.DataFrame, poses: Mapping[int, FloatArray]) -> bytes:
     """Return the alarms of every frame and the poses of all frames that were searched, as NPZ."""
-    arrays: dict[str, Any] = {str(name): alarms[name].to_numpy() for name in _FRAME_COLUMNS}
+    arrays: Entries = {str(name): alarms[name].to_numpy() for name in _FRAME_COLUMNS}
     arrays |= {
         "frames": np.array(list(poses), dtype=np.int64),
         "poses": np.array(list(poses.values())).reshape(-1, 6),

@@ -43,6 +43,7 @@ from flgpr.results.view_files import plain_json, write_view
 from flgpr.store import sha256
 from flgpr.store.files import check_free_folder, write_whole
 from flgpr.store.outputs import atomic_output, locked_folder
+from flgpr.types import Entries, PathLike
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,7 +59,7 @@ class Result:
     """The content of a result folder."""
 
     folder: Path
-    manifest: dict[str, Any]  #: version, run, recipe and digests
+    manifest: Entries  #: version, run, recipe and digests
     recipe: Recipe
     lane: Lane  #: ground that was searched
     detections: list[Detection]  #: that of its recipe first, then those of recipes beside it
@@ -105,13 +106,13 @@ class Result:
 
 
 def write_result(
-    folder: str | Path,
+    folder: PathLike,
     detections: list[Detection],
     recipe_text: str,
     lane: Lane,
-    run: dict[str, Any],
+    run: Entries,
     model: Model | Detector | None = None,
-    section: dict[str, Any] | None = None,
+    section: Entries | None = None,
 ) -> Path:
     """Write a result folder completely or not at all, and return it.
 
@@ -149,9 +150,9 @@ def _write_files(
     detections: list[Detection],
     recipe_text: str,
     lane: Lane,
-    run: dict[str, Any],
+    run: Entries,
     model: Model | Detector | None,
-    section: dict[str, Any] | None,
+    section: Entries | None,
 ) -> None:
     """Write all files of a result, its manifest last."""
     root.mkdir()
@@ -191,7 +192,7 @@ def _write_files(
     write_whole(root / MANIFEST, sealed_manifest(content, {}))
 
 
-def check_free(folder: str | Path) -> Path:
+def check_free(folder: PathLike) -> Path:
     """Return the folder if a result may be written there.
 
     Raises
@@ -202,7 +203,7 @@ def check_free(folder: str | Path) -> Path:
     return check_free_folder(folder, (MANIFEST, SECTIONS), "result")
 
 
-def add_files(folder: str | Path, files: Mapping[str, bytes | str]) -> None:
+def add_files(folder: PathLike, files: Mapping[str, bytes | str]) -> None:
     """Add pages and scores to a result, or replace some.
 
     The result can be read at any moment, also after an interruption: the manifest first allows the
@@ -248,7 +249,7 @@ def add_files(folder: str | Path, files: Mapping[str, bytes | str]) -> None:
         write_whole(folder / MANIFEST, sealed_manifest(content, {**before, **after}))
 
 
-def are_settled(folder: str | Path) -> bool:
+def are_settled(folder: PathLike) -> bool:
     """Return whether every file that was added to a result was written completely."""
     added = read_result_manifest(folder)["added"]
     return all(len(digests) == 1 for digests in added.values())
@@ -306,7 +307,7 @@ def join_sections(folder: Path, homes: Sequence[Path], most: int = 2400) -> Resu
     return replace(first, folder=folder, lane=sections.lane(), detections=[joined])
 
 
-def read_lane_result(folder: str | Path) -> Result:
+def read_lane_result(folder: PathLike) -> Result:
     """Read the result of a lane; of one that was taken in sections they are joined."""
     sections = sections_at(folder)
     if sections is None:
@@ -368,7 +369,7 @@ class Survey(Sequence[Result]):
     def __iter__(self) -> Iterator[Result]:
         return (read_lane_result(folder) for folder in self.folders)
 
-    def lanes(self) -> list[dict[str, Any]]:
+    def lanes(self) -> list[Entries]:
         """Return a row for each lane: run, counts of scans and alarms, searched area (m²)."""
         return list(Folder(self.folder).json(SURVEY))
 

@@ -33,7 +33,7 @@ from flgpr.scoring import (
 )
 from flgpr.scoring.curve import held_pd_mean
 from flgpr.store.view_format import VIEW_SCORE, sealed_view_score, view_score_body
-from flgpr.types import BoolArray, FloatArray, floats
+from flgpr.types import BoolArray, Entries, FloatArray, floats
 
 ROC_FORMAT = "flgpr-score"
 ROC_VERSION = 1
@@ -118,7 +118,7 @@ def score_by_frames(result: Result, truth: pd.DataFrame, far: float = Rules.far)
     )
 
 
-def expected_shift(truth: pd.DataFrame, run: dict[str, Any]) -> FloatArray:
+def expected_shift(truth: pd.DataFrame, run: Entries) -> FloatArray:
     """Estimate how far beyond each buried target its image lies when it is focused on the surface.
 
     Scoring does not correct for it. See :func:`flgpr.scoring.refraction_shift`.
@@ -303,7 +303,7 @@ def _centimetres(depth: float) -> str:
     return f"{100 * depth:.3g}"
 
 
-def _view_entry(scored: Score, classes: list[tuple[str, tuple[float, float]]]) -> dict[str, Any]:
+def _view_entry(scored: Score, classes: list[tuple[str, tuple[float, float]]]) -> Entries:
     """Return what the viewer shows of a detection's score: a curve per kind and depth class."""
     truth = scored.matched.truth
     kinds: list[str | None] = [None, *sorted({str(kind) for kind in truth["kind"]})]
@@ -320,7 +320,7 @@ def _view_entry(scored: Score, classes: list[tuple[str, tuple[float, float]]]) -
         if chosen.any() or not len(truth):
             curves.append({"kind": kind, "depth": depth, **_curve(scored, chosen)})
     curve = scored.curve
-    point: dict[str, Any] = {
+    point: Entries = {
         "row": int(operating_row(curve, scored.far)),
         "few_halos": scored.few_halos,
         "far_asked": scored.rules.far,
@@ -342,7 +342,7 @@ def _view_entry(scored: Score, classes: list[tuple[str, tuple[float, float]]]) -
     }
 
 
-def _curve(scored: Score, chosen: BoolArray) -> dict[str, Any]:
+def _curve(scored: Score, chosen: BoolArray) -> Entries:
     """Return the curve of the chosen targets."""
     curve = scored.curve_of(chosen if len(chosen) else None)
     return {

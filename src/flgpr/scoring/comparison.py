@@ -6,7 +6,6 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -26,7 +25,7 @@ from flgpr.scoring.curve import clopper_pearson, count_at, operating_row, pd_mea
 from flgpr.scoring.lane_roc import AreaRule, far_area, roc_of
 from flgpr.scoring.lane_score import Rules
 from flgpr.scoring.matching import Match, Subset, select_targets
-from flgpr.types import ArrayLike, BoolArray, FloatArray, floats
+from flgpr.types import ArrayLike, BoolArray, Entries, FloatArray, floats
 
 _ENUMERATED = 20  # signs; a million sums
 _FLIPS = 100_000
@@ -377,7 +376,7 @@ def side_by_side(
     return SideBySide(table, pd.DataFrame(pairs), pd.DataFrame(pairs_of_means) if means else None)
 
 
-def _mean_options(rules: Rules) -> dict[str, Any]:
+def _mean_options(rules: Rules) -> Entries:
     """Return the rules that intervals of PD_mean need."""
     return {
         "area": rules.area,
@@ -418,7 +417,7 @@ def paired_points(
     subset: Subset = None,
     area: AreaRule = "union",
     level: float = 0.95,
-) -> list[dict[str, Any]]:
+) -> list[Entries]:
     """Compare the targets of a subset that two detectors find at each allowed false alarm rate.
 
     The entries of a row are those of ``pairs`` of :class:`SideBySide`.

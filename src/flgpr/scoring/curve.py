@@ -13,7 +13,7 @@ import pandas as pd
 from scipy import special
 from scipy.interpolate import CubicSpline
 
-from flgpr.types import AnyArray, ArrayLike, BoolArray, FloatArray, IntArray, floats
+from flgpr.types import AnyArray, ArrayLike, BoolArray, Entries, FloatArray, IntArray, floats
 
 _NODES = 400
 _SMOOTH = 500.0
@@ -495,7 +495,7 @@ def with_area(
     )
 
 
-def describe(convention: str) -> dict[str, Any]:
+def describe(convention: str) -> Entries:
     """Return the entries of a table's ``attrs`` that describe a convention."""
     chosen = CONVENTIONS[convention]
     return {"convention": chosen.name, "source": chosen.source, "far_is": chosen.far}

@@ -29,7 +29,7 @@ from flgpr.scoring.score_entries import (
     RulesEntries,
     TargetOutcome,
 )
-from flgpr.types import BoolArray
+from flgpr.types import BoolArray, Entries
 
 COUNTS = ("n_alarms", "n_targets", "n_known_targets", "area")
 _SAME_IN_ALL_ROWS = ("n_targets", "area")
@@ -101,7 +101,7 @@ class Score:
         return {"value": value, "low": low, "high": high, "chance": by_chance, "far_max": far_max}
 
     @property
-    def _bootstrap(self) -> dict[str, Any]:
+    def _bootstrap(self) -> Entries:
         """The rules that the bootstrap takes."""
         names = ("area", "frame_area", "level", "draws", "seed", "block", "cluster")
         return {name: getattr(self.rules, name) for name in names}
@@ -121,7 +121,7 @@ class Score:
         return halos if halos < _FEW_HALOS else None
 
     @property
-    def point(self) -> dict[str, Any]:
+    def point(self) -> Entries:
         """The curve's row at the operating point.
 
         Its entry ``random`` is the Pd of alarms strewn at random at the same FAR.
