@@ -16,8 +16,8 @@ import numpy as np
 import pandas as pd
 
 from flgpr.commands.reach import are_near
-from flgpr.scoring.chance_level import Chance, chance
-from flgpr.scoring.curve import operating_row
+from flgpr.scoring.chance_level import chance
+from flgpr.scoring.comparison import points_at
 from flgpr.scoring.lane_roc import assign, roc_of
 from flgpr.scoring.matching import Match, match
 from flgpr.types import Entries, PathLike
@@ -38,17 +38,6 @@ from flgpr_trials.sealing import Phrase, SealedTruth, decrypt_truth
 FAR_GRID = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
 _LOG_ENDING = ".log.jsonl"
 _COUNTS = ("n_alarms", "n_targets", "area", "halo_radius", "area_rule")
-_POINT_COLUMNS = [
-    "far",
-    "far_low",
-    "far_high",
-    "pd",
-    "pd_low",
-    "pd_high",
-    "n_detected",
-    "n_targets",
-    "n_false",
-]
 
 
 @dataclass(frozen=True)
@@ -217,7 +206,9 @@ def blind_score(look: BlindLook) -> BlindScore:
     level = chance(matched)
     tables = []
     for name, subset in subsets.items():
-        tables.append(_points(matched, level, name, subset, area))
+        curve = level.add_chance_column(roc_of(matched, subset, area=area), subset)
+        # More digits of the chance level could be held against guesses of where targets stand.
+        tables.append(points_at(curve, FAR_GRID, "group", name).round({"chance": 2}))
     curve = roc_of(matched, area=area)
     lists = {line["alarms"] for line in look.looks if "alarms" in line}
     targets = None
@@ -375,14 +366,3 @@ def _found_from(matched: Match, area: Any) -> pd.DataFrame:
     first = np.searchsorted(FAR_GRID, outcomes["far"].to_numpy(), side="left")
     columns = [name for name in ("target_id", "lane", "kind", "depth") if name in outcomes]
     return outcomes[columns].assign(found_from=np.append(FAR_GRID, np.nan)[first])
-
-
-def _points(matched: Match, level: Chance, name: str, subset: Any, area: Any) -> pd.DataFrame:
-    """Return the operating points of a group of targets."""
-    curve = level.add_chance_column(roc_of(matched, subset, area=area), subset)
-    rows = curve.iloc[operating_row(curve, np.array(FAR_GRID))].reset_index(drop=True)
-    # More digits of the chance level could be held against guesses of where targets stand.
-    rows = rows[[*_POINT_COLUMNS, "chance"]].round({"chance": 2})
-    rows = rows.assign(group=name, far_allowed=FAR_GRID)
-    rows.attrs = {}
-    return rows[["group", "far_allowed", *_POINT_COLUMNS, "chance"]]

@@ -15,9 +15,9 @@ from flgpr.scoring import (
     clopper_pearson,
     operating_row,
     pd_table,
-    roc_of,
     side_by_side,
 )
+from flgpr.scoring.lane_score import curve_by
 from flgpr_trials.folder import Requirement
 
 GROUPS = ("kind", "depth", "lane")
@@ -112,8 +112,7 @@ def judge(matches: Mapping[str, Match], requirement: Requirement, rules: Rules) 
     tables: dict[str, list[pd.DataFrame]] = {}
     for vendor, matched in matches.items():
         level = chance(matched, rules.shifts, rules.seed)
-        curve = level.add_chance_column(roc_of(matched, area=rules.area, level=rules.level))
-        curves[vendor] = curve
+        curves[vendor] = curve = curve_by(rules, matched, level)
         row = curve.iloc[[int(operating_row(curve, requirement.far))]]
         points.append(row.assign(detector=vendor, far_allowed=requirement.far))
         for column in GROUPS:

@@ -23,7 +23,7 @@ from flgpr.scoring.bootstrap import (
 from flgpr.scoring.chance_level import chance
 from flgpr.scoring.curve import clopper_pearson, count_at, operating_row, pd_mean_by_chance
 from flgpr.scoring.lane_roc import AreaRule, far_area, roc_of
-from flgpr.scoring.lane_score import Rules
+from flgpr.scoring.lane_score import Rules, curve_by
 from flgpr.scoring.matching import Match, Subset, select_targets
 from flgpr.types import ArrayLike, BoolArray, Entries, FloatArray, floats
 
@@ -355,7 +355,8 @@ def side_by_side(
     points = []
     intervals = {}
     for name, matched in matches.items():
-        points.append(_points(name, matched, fars, rules))
+        curve = curve_by(rules, matched, chance(matched, rules.shifts, rules.seed))
+        points.append(points_at(curve, fars, "detector", name))
         if means:
             intervals[name] = pd_mean_interval(matched, **_mean_options(rules))
     pairs = []
@@ -372,7 +373,6 @@ def side_by_side(
             row["low_b"], row["high_b"] = intervals[other]
             pairs_of_means.append(names | row)
     table = pd.concat(points, ignore_index=True)
-    table.attrs = {}
     return SideBySide(table, pd.DataFrame(pairs), pd.DataFrame(pairs_of_means) if means else None)
 
 
@@ -387,14 +387,13 @@ def _mean_options(rules: Rules) -> Entries:
     }
 
 
-def _points(name: str, matched: Match, fars: Sequence[float], rules: Rules) -> pd.DataFrame:
-    """Return the rows of a detector's curve at allowed false alarm rates."""
-    curve = roc_of(matched, area=rules.area, level=rules.level)
-    curve = chance(matched, rules.shifts, rules.seed).add_chance_column(curve)
-    rows = curve.iloc[operating_row(curve, np.array(fars))].reset_index(drop=True)
-    rows = rows[list(_POINT_COLUMNS)]
+def points_at(curve: pd.DataFrame, fars: Sequence[float], column: str, name: str) -> pd.DataFrame:
+    """Return the rows of a curve at allowed false alarm rates, with its name in a column."""
+    rows = curve.iloc[operating_row(curve, np.array(fars))][list(_POINT_COLUMNS)]
+    rows = rows.reset_index(drop=True)
+    rows.attrs = {}
     rows.insert(0, "far_allowed", list(fars))
-    rows.insert(0, "detector", name)
+    rows.insert(0, column, name)
     return rows
 
 
