@@ -17,7 +17,7 @@ from flgpr.store import open_run, read_lane, save_run, write_whole
 from flgpr.store.files import existing
 from flgpr.store.outputs import atomic_output, write_new
 from flgpr.store.text_tables import read_text_table
-from flgpr.types import Entries, PathLike
+from flgpr.types import Entries, PathLike, floats
 
 _PROJECTED = ("easting_m", "northing_m")
 _GEOGRAPHIC = ("longitude_deg", "latitude_deg")
@@ -50,7 +50,7 @@ def anchor_from_points(points: PathLike, crs: str, accuracy: float) -> str:
     with faults_of(path):
         columns = read_text_table(path)
     names = _point_columns(columns, path)
-    rows = np.stack([np.asarray(columns[name], dtype=np.float64) for name in names], axis=1)
+    rows = np.stack([floats(columns[name]) for name in names], axis=1)
     is_finite = np.isfinite(rows).all(axis=1)
     if not is_finite.all():
         raise ValueError(f"{path}: every value must be finite, got {rows[~is_finite][0].tolist()}")

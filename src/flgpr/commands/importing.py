@@ -27,12 +27,6 @@ def check_parent_folder(output: PathLike) -> Path:
     return path
 
 
-def refuse_two_anchors(anchor: PathLike | None) -> None:
-    """Refuse an anchor together with anchor-from-track."""
-    if anchor is not None:
-        raise ValueError("anchor and anchor-from-track both say where the lane lies: give one")
-
-
 def finished_run(run: xr.Dataset, anchor: Anchor | None) -> xr.Dataset:
     """Return an imported run with its georeference, where an anchor states it, and with doubts.
 
@@ -109,8 +103,8 @@ def track_and_anchor(
     track, anchor, notes
         What was read, and what was assumed of the anchor.
     """
-    if anchor_from_track:
-        refuse_two_anchors(anchor)
+    if anchor_from_track and anchor is not None:
+        raise ValueError("anchor and anchor-from-track both say where the lane lies: give one")
     lane_anchor = read_optional_anchor(anchor)
     if track is None:
         return None, lane_anchor, []

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 _AIRBORNE = 100.0
 _MAP_LINES = 24
 _SHADES = " ░▒▓█"
+_LONGEST = 100  # characters of a value that a model states
 
 
 def _is_model(path: Path) -> bool:
@@ -250,10 +251,10 @@ def model_lines(report: Entries) -> list[str]:
     return lines
 
 
-def _quoted(value: Any, longest: int = 100) -> str:
+def _quoted(value: Any) -> str:
     """Return a value of a file as JSON in ASCII, cut off where it is long."""
     text = json.dumps(value)
-    return text if len(text) <= longest else text[: longest - 3] + "..."
+    return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
 
 
 def _recipe_lines(faults: dict[str, list[str]]) -> list[str]:

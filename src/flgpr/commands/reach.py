@@ -13,7 +13,7 @@ from flgpr.report.trial_block import borders_in_words
 from flgpr.scoring import as_lanes
 from flgpr.scoring.matching import LaneLike, Match, stated_lanes
 from flgpr.store.notes import log_note
-from flgpr.types import BoolArray, Entries
+from flgpr.types import BoolArray, Entries, floats
 
 _SHARE_OUTSIDE = 0.5  # of the rows, above which the axes may be swapped
 _ROW_NAMES = {"alarms": "alarms", "truth": "targets"}
@@ -101,8 +101,8 @@ def are_near(
     lanes_by_name = as_lanes(lanes)
     has_lanes = "lane" in table.columns and list(lanes_by_name) != [""]
     stated = stated_lanes(table, list(lanes_by_name), name) if has_lanes else None
-    x = table["x"].to_numpy(np.float64)
-    y = table["y"].to_numpy(np.float64)
+    x = floats(table["x"])
+    y = floats(table["y"])
     in_reach = np.zeros(len(table), dtype=np.bool_)
     for lane_name, lane in lanes_by_name.items():
         is_near = lane.distance(x, y) <= margin
@@ -197,7 +197,7 @@ def _close_together(targets: pd.DataFrame) -> int:
 
     keys = [name for name in ("kind", "lane") if name in targets.columns]
     groups = targets.groupby(keys) if keys else [("", targets)]
-    trees = [cKDTree(group[["x", "y"]].to_numpy(np.float64)) for _, group in groups]
+    trees = [cKDTree(floats(group[["x", "y"]])) for _, group in groups]
     return sum(len(tree.query_pairs(_ONE_TARGET)) for tree in trees)
 
 
@@ -236,7 +236,7 @@ def _depth_doubts(table: pd.DataFrame, row_name: str) -> list[str]:
     """Return what is doubtful about the depths of a table, if it has any."""
     if "depth" not in table.columns:
         return []
-    depth = table["depth"].to_numpy(np.float64)
+    depth = floats(table["depth"])
     deep = int((np.abs(depth) > _DEEPEST).sum())
     if not deep:
         return []

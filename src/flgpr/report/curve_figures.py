@@ -120,7 +120,7 @@ def compared_roc_figure(
     curves: Mapping[str, pd.DataFrame],
     labels: Mapping[str, str],
     points: pd.DataFrame,
-    far_max: float = 0.1,
+    far_max: float,
     differences: pd.DataFrame | None = None,
 ) -> Figure:
     """Draw the ROC curves of several detectors over one another, with intervals of Pd.
@@ -164,8 +164,8 @@ def compared_roc_figure(
         }
         mark = MARKS[number % len(MARKS)]
         rows = points[points["detector"] == name]
-        if _is_single_point(curve):
-            # No rate below the point says anything of this detector.
+        if len(curve) <= 2:
+            # Of no alarm and of all: no rate below that point says anything of this detector.
             rows = rows[:0]
         else:
             draw_steps(axes, curve, "pd", end, **style)
@@ -204,14 +204,6 @@ def _draw_differences(axes: Axes, differences: pd.DataFrame, names: Sequence[str
     axes.axhline(0, color="0.4", lw=0.8)
     axes.set_ylabel(f"Pd of {names[0]}\nless {names[1]}", fontsize=8)
     axes.grid(alpha=0.3)
-
-
-def _is_single_point(curve: pd.DataFrame) -> bool:
-    """Return whether a ROC table is of a list of a single operating point.
-
-    It then has two rows: no alarm, and all alarms.
-    """
-    return len(curve) <= 2
 
 
 def _end_of_axis(curves: Mapping[str, pd.DataFrame], far_max: float) -> float:

@@ -24,7 +24,7 @@ from flgpr.results.description import plausible_poses
 from flgpr.results.result import Result, thinned
 from flgpr.scoring import Score
 from flgpr.screen import select
-from flgpr.types import Entries, FloatArray
+from flgpr.types import Entries, FloatArray, floats
 
 DYNAMIC_RANGE = 30.0  # dB
 _ROWS = 2400  # a figure cannot show more
@@ -227,8 +227,8 @@ def geometry_figure(run: Entries, lane: Lane, looks: xr.DataArray | None, beyond
 
 def _draw_plan(axes: Axes, run: Entries, pose: FloatArray, lane: Lane, is_stretched: bool) -> None:
     """Draw the lane and the antennas at the poses from above."""
-    tx = np.asarray(run["tx_m"], dtype=float)
-    rx = np.asarray(run["rx_m"], dtype=float)
+    tx = floats(run["tx_m"])
+    rx = floats(run["rx_m"])
     axes.add_patch(lane_patch(lane, fill=False, ec="white", lw=1.4, ls="-."))
     every = math.ceil(len(pose) / _POSES)
     for number, stop in enumerate(pose[::every]):

@@ -184,8 +184,8 @@ def described_store(description: Any) -> tuple[str, str]:
     ValueError
         If it does not tell them as text: the run was in memory, or the manifest is forged.
     """
-    path = description.get("path") if isinstance(description, dict) else None
-    digest = description.get("store_sha256") if isinstance(description, dict) else None
+    stated = description if isinstance(description, dict) else {}
+    path, digest = stated.get("path"), stated.get("store_sha256")
     if not isinstance(path, str) or not isinstance(digest, str):
         raise ValueError(
             "the manifest of the result must name the store of its run by path and digest, got "

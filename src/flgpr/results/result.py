@@ -140,56 +140,43 @@ def write_result(
     """
     folder = check_free(folder)
     folder.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_output(folder, replace=True) as partial:
-        _write_files(partial, detections, recipe_text, lane, run, model, section)
-    return folder
-
-
-def _write_files(
-    root: Path,
-    detections: list[Detection],
-    recipe_text: str,
-    lane: Lane,
-    run: Entries,
-    model: Model | Detector | None,
-    section: Entries | None,
-) -> None:
-    """Write all files of a result, its manifest last."""
-    root.mkdir()
-    for detection in detections:
-        folder = root if detection.name == MAIN else root / "variants" / detection.name
-        folder.mkdir(parents=True, exist_ok=True)
-        write_detection(folder, detection, run.get("georeference"), recipe_text)
     learnt = as_model(model)
     border = None
     if learnt.detector is not None and not run.get("unlike", {}).get("substitute"):
         border = learnt.detector.border
-    write_view(root, detections, lane, run, parse_recipe(recipe_text), border)
-    write_whole(root / "recipe.toml", recipe_text)
-    if learnt.detector is not None or learnt.stages:
-        save_model(learnt, root / MODEL)
-    entries = []
-    for detection in detections:
-        entries.append({"name": detection.name, "title": detection.title, "notes": detection.notes})
-    paths = [path for path in sorted(root.rglob("*")) if path.is_file()]
-    names = [path.relative_to(root).as_posix() for path in paths]
-    content = plain_json(
-        {
-            "format": FORMAT,
-            "version": VERSION,
-            "flgpr": flgpr.__version__,
-            "python": platform.python_version(),
-            "libraries": {name: version(name) for name in _LIBRARIES},
-            "recipe_sha256": sha256(recipe_text.encode()),
-            "lane": asdict(lane),
-            "run": run,
-            "detections": entries,
-            **listing(root, names),
-        }
-    )
-    if section is not None:
-        content["section"] = section
-    write_whole(root / MANIFEST, sealed_manifest(content, {}))
+    with atomic_output(folder, replace=True) as root:
+        root.mkdir()
+        entries = []
+        for detection in detections:
+            home = root if detection.name == MAIN else root / "variants" / detection.name
+            home.mkdir(parents=True, exist_ok=True)
+            write_detection(home, detection, run.get("georeference"), recipe_text)
+            entry = {"name": detection.name, "title": detection.title, "notes": detection.notes}
+            entries.append(entry)
+        write_view(root, detections, lane, run, parse_recipe(recipe_text), border)
+        write_whole(root / "recipe.toml", recipe_text)
+        if learnt.detector is not None or learnt.stages:
+            save_model(learnt, root / MODEL)
+        paths = [path for path in sorted(root.rglob("*")) if path.is_file()]
+        names = [path.relative_to(root).as_posix() for path in paths]
+        content = plain_json(
+            {
+                "format": FORMAT,
+                "version": VERSION,
+                "flgpr": flgpr.__version__,
+                "python": platform.python_version(),
+                "libraries": {name: version(name) for name in _LIBRARIES},
+                "recipe_sha256": sha256(recipe_text.encode()),
+                "lane": asdict(lane),
+                "run": run,
+                "detections": entries,
+                **listing(root, names),
+            }
+        )
+        if section is not None:
+            content["section"] = section
+        write_whole(root / MANIFEST, sealed_manifest(content, {}))  # last: now all is there
+    return folder
 
 
 def check_free(folder: PathLike) -> Path:

@@ -139,9 +139,7 @@ def expected_shift(truth: pd.DataFrame, run: Entries) -> FloatArray:
     permittivity = soil.get("permittivity") if isinstance(soil, dict) else None
     if not isinstance(permittivity, (int, float)) or isinstance(permittivity, bool):
         return np.full(len(truth), np.nan)
-    x = truth["x"].to_numpy(dtype=float)
-    y = truth["y"].to_numpy(dtype=float)
-    depth = truth["depth"].to_numpy(dtype=float)
+    x, y, depth = (floats(truth[name]) for name in ("x", "y", "depth"))
     shifts = []
     for pose in plausible_poses(run):
         distance = np.hypot(x - pose[0], y - pose[1])
@@ -217,8 +215,8 @@ def view_score(
         {
             "result_sha256": result.manifest["identity"],
             "halo": scored[0].rules.halo,
-            "truth": _columns(truth),
-            "objects": None if objects is None else _columns(objects),
+            "truth": truth.to_dict("list"),
+            "objects": None if objects is None else objects.to_dict("list"),
             "kinds": sorted({str(kind) for kind in truth["kind"]}),
             "depths": [label for label, _ in classes],
             "target_depth": depth_labels(truth, classes),
@@ -269,7 +267,7 @@ def depth_class_bounds(truth: pd.DataFrame) -> list[tuple[str, tuple[float, floa
     Each depth by itself while they are few, else quarters. A class is its label and its least and
     largest depth, m.
     """
-    depths = np.unique(truth["depth"].dropna().to_numpy(dtype=np.float64).round(4))
+    depths = np.unique(floats(truth["depth"].dropna()).round(4))
     classes = []
     if len(depths) <= _MOST_DEPTHS:
         for depth in depths:
@@ -292,7 +290,7 @@ def depth_labels(
 ) -> list[str | None]:
     """Return the label of each target's depth class; None where the depth is unknown."""
     labels = []
-    for depth in truth["depth"].to_numpy(dtype=np.float64):
+    for depth in floats(truth["depth"]):
         fitting = [label for label, (low, high) in classes if low <= depth <= high]
         labels.append(fitting[0] if fitting else None)
     return labels
@@ -330,7 +328,7 @@ def _view_entry(scored: Score, classes: list[tuple[str, tuple[float, float]]]) -
         "label": scored.labels["label"].tolist(),
         "target": scored.labels["target"].tolist(),
         "distance": scored.labels["distance"].tolist(),
-        "outcomes": _columns(scored.outcomes),
+        "outcomes": scored.outcomes.to_dict("list"),
         "shared": {
             "area": float(curve.iloc[-1]["area"]),
             "level": curve.attrs["level"],
@@ -358,8 +356,3 @@ def _rounded(curve: pd.DataFrame, names: tuple[str, ...]) -> dict[str, list[floa
     for name in names:
         rounded[name] = [float(f"{value:.5g}") for value in curve[name]]
     return rounded
-
-
-def _columns(table: pd.DataFrame) -> dict[str, list[Any]]:
-    """Return a table as lists by column."""
-    return {str(name): table[name].tolist() for name in table.columns}

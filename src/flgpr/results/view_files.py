@@ -27,7 +27,7 @@ from flgpr.recipe.schema import Recipe, parse_recipe
 from flgpr.results.description import left_out_scans
 from flgpr.store import write_whole
 from flgpr.store.view_format import VIEW_FORMAT, VIEW_VERSION, check_view_index
-from flgpr.types import Entries, FloatArray
+from flgpr.types import Entries, FloatArray, floats
 
 TILE_ROWS = 512
 EARLIER = "earlier"
@@ -96,7 +96,7 @@ def write_view(
     if not channel:
         last_view = views[-1][2]
         channel = (last_view["polarization"].values[0], last_view["subband"].values[0])
-    pose = np.asarray(run.get("pose", np.zeros((0, 6))), dtype=np.float64).reshape(-1, 6)
+    pose = floats(run.get("pose", np.zeros((0, 6)))).reshape(-1, 6)
     columns: dict[str, list[Any]] = {}
     for i, name in enumerate(("x", "y", "z", "heading")):
         columns[name] = np.round(pose[:, i], 4).tolist()

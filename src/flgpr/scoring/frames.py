@@ -82,8 +82,8 @@ def unroll_frames(
 
     slot = area.y_max - area.y_min + GAP
     start = {frame: number * slot - area.y_min for number, frame in enumerate(sorted(poses))}
-    offset = alarms["frame"].map(start).to_numpy(dtype=np.float64)
-    ahead = alarms["ahead"].to_numpy(dtype=np.float64)
+    offset = floats(alarms["frame"].map(start))
+    ahead = floats(alarms["ahead"])
     unrolled = alarms.assign(x=alarms["across"], y=ahead + offset)
 
     looks = []
@@ -191,6 +191,6 @@ def score_frames(
 
 def _is_within(alarms: pd.DataFrame, looks: pd.DataFrame, radius: float) -> BoolArray:
     """Return whether each alarm lies in the halo of one of the looks."""
-    x = alarms[["x"]].to_numpy(dtype=np.float64) - looks["x"].to_numpy()
-    y = alarms[["y"]].to_numpy(dtype=np.float64) - looks["y"].to_numpy()
+    x = floats(alarms[["x"]]) - looks["x"].to_numpy()
+    y = floats(alarms[["y"]]) - looks["y"].to_numpy()
     return np.asarray((np.hypot(x, y) <= radius).any(axis=1))

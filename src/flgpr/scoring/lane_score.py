@@ -429,7 +429,7 @@ def _outcomes(matched: Match, rules: Rules, far: float) -> pd.DataFrame:
     best = outcomes["alarm"].to_numpy(dtype=int)
     for axis in ("x", "y"):
         # The NaN at the end is what a target without an alarm, -1, takes.
-        positions = np.append(matched.alarms[axis].to_numpy(dtype=float), np.nan)
+        positions = np.append(matched.alarms[axis], np.nan)
         outcomes["d" + axis] = positions[best] - outcomes[axis]
     outcomes["found"] = outcomes["far"] <= far
     return outcomes

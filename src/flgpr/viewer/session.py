@@ -36,7 +36,7 @@ from flgpr.store.view_format import (
     check_view_index,
     view_score_body,
 )
-from flgpr.types import Entries, PathLike
+from flgpr.types import Entries, PathLike, floats
 from flgpr.viewer.scores import NO_IMAGES, IndexOnly, ScoreFiles, score_file
 
 LIVE_FILE = "live.jsonl"
@@ -164,8 +164,6 @@ def _as_view_error() -> Iterator[None]:
     """Turn errors of reading a file into a ViewError."""
     try:
         yield
-    except ViewError:
-        raise
     except FileNotFoundError as error:
         raise ViewError(f"{error.filename} is missing") from None
     except (OSError, ValueError) as error:
@@ -179,7 +177,7 @@ class RunFiles(IndexOnly):
         self.folder = Path(path).resolve()
         is_traces = self.folder.is_file()
         run = recording_reader(path).preview(self.folder) if is_traces else open_run(path)
-        pose = np.asarray(run["pose"].values, dtype=np.float64)
+        pose = floats(run["pose"].values)
         valid = np.asarray(run["valid"].values).reshape(len(pose), -1)
         scans: dict[str, list[Any]] = {}
         for i, name in enumerate(("x", "y", "z", "heading")):

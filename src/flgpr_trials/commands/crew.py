@@ -20,7 +20,7 @@ from flgpr.store.files import existing
 from flgpr.store.outputs import output_exists_error, write_new
 from flgpr.store.tables import parse_table, read_columns
 from flgpr.store.writing import csv_text
-from flgpr.types import BoolArray, Entries, FloatArray, PathLike
+from flgpr.types import BoolArray, Entries, FloatArray, PathLike, floats
 from flgpr_trials.pages import sheet_html
 from flgpr_trials.planning import emplacement_plan
 
@@ -206,4 +206,4 @@ def _recorded_values(
         if np.isnan(values[target]):
             rule = "a number of metres with a decimal point, or commas in a sheet with semicolons"
         slips.append(f"{target}: emplaced_{name}_m must be {rule}, got {cells[target]}")
-    return np.where(cells.isna(), planned, values.to_numpy(dtype=np.float64).round(3)), slips
+    return np.where(cells.isna(), planned, floats(values).round(3)), slips

@@ -171,13 +171,12 @@ def plan_lane(
     it was registered is finished.
     """
     from flgpr.commands.exports import Wish, write_export
-    from flgpr.commands.reach import table_doubts
+    from flgpr.commands.reach import tell_doubts
     from flgpr.commands.scoring import borders, read_lanes
     from flgpr.geo import read_anchor
     from flgpr.geo.points import require_one_lane
     from flgpr.store.extras import optional
     from flgpr.store.files import check_new
-    from flgpr.store.notes import log_note
     from flgpr.store.outputs import log_finished, output_exists_error, write_new
     from flgpr.store.writing import csv_text
     from flgpr_trials.commands import crew
@@ -195,8 +194,7 @@ def plan_lane(
     lanes = read_lanes(lane)
     plan = crew.drawn_plan(lanes, targets, seed, spacing, edge)
     plan[REGISTER_COLUMN] = register.name
-    for doubt in table_doubts(plan, "truth", lanes):
-        log_note(f"{Path(targets).name}: {doubt}")
+    tell_doubts(plan, "truth", Path(targets).name, lanes)
     lane_anchor = None if anchor is None else read_anchor(anchor)
     # What cannot be tied, or may be missing, is looked for before anything is written.
     if lane_anchor is not None:

@@ -72,12 +72,11 @@ def seal(
     FileExistsError
         If another file is at the output.
     """
-    from flgpr.commands.reach import table_doubts, targets_in_reach
+    from flgpr.commands.reach import targets_in_reach, tell_doubts
     from flgpr.commands.scoring import borders, read_lanes
     from flgpr.door import read_named, refuse_links
     from flgpr.scoring import Rules
     from flgpr.store.files import existing
-    from flgpr.store.notes import log_note
     from flgpr.store.outputs import atomic_output, log_finished, output_exists_error
     from flgpr.store.tables import parse_table
     from flgpr_trials.commands import scores
@@ -94,8 +93,7 @@ def seal(
     lanes = read_lanes(lane)
     name = Path(truth).name
     reachable, _ = targets_in_reach(table, lanes, rules.get("halo", Rules.halo), name)
-    for doubt in table_doubts(reachable, "truth", lanes):
-        log_note(f"{name}: {doubt}")
+    tell_doubts(reachable, "truth", name, lanes)
     own_register = scores.default_register(truth, table)
     bound_to = scores.with_witness(book, witness) or own_register
     bound = None
