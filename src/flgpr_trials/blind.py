@@ -213,7 +213,11 @@ def blind_score(look: BlindLook) -> BlindScore:
     lists = {line["alarms"] for line in look.looks if "alarms" in line}
     targets = None
     if rules["show"] == "targets":
-        targets = _found_from(matched, area)
+        # The points are coarse enough to hide which alarm found a target.
+        outcomes = assign(matched, area)
+        first = np.searchsorted(FAR_GRID, outcomes["far"].to_numpy(), side="left")
+        columns = [name for name in ("target_id", "lane", "kind", "depth") if name in outcomes]
+        targets = outcomes[columns].assign(found_from=np.append(FAR_GRID, np.nan)[first])
     return BlindScore(
         points=pd.concat(tables, ignore_index=True),
         counts={name: curve.attrs[name] for name in _COUNTS} | look.outside,
@@ -236,7 +240,7 @@ class BlindLook:
     truth: pd.DataFrame  #: truth table, of targets that the searched ground can show
     #: ``targets_outside``, how many lie farther outside than the halo, if there are any: no misses
     outside: dict[str, int]
-    rules: Entries  #: ``halo``, ``area``, ``by`` and ``show``
+    rules: dict[str, Any]  #: ``halo``, ``area``, ``by`` and ``show``
     looks: list[Entries]  #: all looks so far, this one last
     line: Entries | None  #: the register's line of the recipe
     #: of the ``log`` and the ``register``: number of lines, and the last one's hash
@@ -355,14 +359,3 @@ def _admitted(
             f"got it at {line['time']}"
         )
     return line
-
-
-def _found_from(matched: Match, area: Any) -> pd.DataFrame:
-    """Return the least FAR of the points at which every target is found.
-
-    The points are coarse enough to hide which alarm found it.
-    """
-    outcomes = assign(matched, area)
-    first = np.searchsorted(FAR_GRID, outcomes["far"].to_numpy(), side="left")
-    columns = [name for name in ("target_id", "lane", "kind", "depth") if name in outcomes]
-    return outcomes[columns].assign(found_from=np.append(FAR_GRID, np.nan)[first])

@@ -103,7 +103,7 @@ def seal_truth(
     refuse_links(Path(path))
     if Path(path).exists():
         raise FileExistsError(f"output must not exist yet, got {path}")
-    content = _to_seal(truth, lane, halo, area, by, show)
+    content = to_seal(truth, lane, halo, area, by, show)
     content["book"] = None if register is None else dict(register)
     content["identity"] = secrets.token_hex(16)
     passphrase = passphrase() if callable(passphrase) else passphrase
@@ -120,28 +120,18 @@ def seal_truth(
 
 
 def seals(
-    path: str | Path,
-    passphrase: str,
-    truth: pd.DataFrame,
-    lane: LaneLike,
-    *,
-    halo: float = 1.0,
-    area: str = "union",
-    by: str | None = "kind",
-    show: str = "curve",
+    path: str | Path, passphrase: str, content: Entries
 ) -> tuple[bool, dict[str, str] | None]:
-    """Return whether a file seals this truth, lane and rules, and the register it is bound to.
+    """Return whether a file seals just this, see :func:`to_seal`, and the register it is bound to.
 
-    The parameters are those of :func:`seal_truth`. Whoever asks has the truth already, so that this
-    is no look at it.
+    Whoever asks has the truth already, so that this is no look at it.
     """
-    expected = _as_json(_to_seal(truth, lane, halo, area, by, show))
     try:
         opened = decrypt_truth(path, passphrase)
     except (ValueError, OSError):
         return False, None
     sealed = {"truth": opened.truth.to_dict("list"), "lanes": opened.lanes, "rules": opened.rules}
-    return _as_json(sealed) == expected, opened.register
+    return _as_json(sealed) == _as_json(content), opened.register
 
 
 def _as_json(content: Entries) -> Any:
@@ -149,10 +139,15 @@ def _as_json(content: Entries) -> Any:
     return json.loads(json.dumps(content, default=_json_value))
 
 
-def _to_seal(
-    truth: pd.DataFrame, lane: LaneLike, halo: float, area: str, by: str | None, show: str
+def to_seal(
+    truth: pd.DataFrame,
+    lane: LaneLike,
+    halo: float = 1.0,
+    area: str = "union",
+    by: str | None = "kind",
+    show: str = "curve",
 ) -> Entries:
-    """Return the checked content of a sealed file."""
+    """Return the checked content of a sealed file; the parameters are those of :func:`seal_truth`."""
     lanes = as_lanes(lane)
     one_of("show", show, SHOWS)
     if by is not None and by not in truth.columns:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 import xarray as xr
 
-from flgpr.commands.positions import read_optional_anchor, tied_run, track_of
+from flgpr.commands.positions import TrackReading, read_optional_anchor, tied_run, track_of
 from flgpr.formats import nmea_places
 from flgpr.formats.mapped import Imported
 from flgpr.geo import anchor_from_fixes
@@ -76,10 +76,7 @@ def track_and_anchor(
     track: PathLike | None,
     anchor: PathLike | None,
     anchor_from_track: bool,
-    body: str | None,
-    axes: str | None,
-    max_gap: float,
-    above_ground: float | None = None,
+    reading: TrackReading,
 ) -> tuple[pd.DataFrame | None, Anchor | None, list[str]]:
     """Read track and anchor of an import by mapping, as options name them.
 
@@ -91,12 +88,8 @@ def track_and_anchor(
         TOML that ties the lane to the Earth.
     anchor_from_track : bool
         Whether the fixes of a log make their own anchor.
-    body, axes : str or None
-        Body of a take, and its axes that are the lane's, parted by commas.
-    max_gap : float
-        Longest gap of a take that is bridged, s.
-    above_ground : float or None
-        Height of the antenna of an NMEA log above the ground, m, in place of the log's.
+    reading : TrackReading
+        What else the options say of the track.
 
     Returns
     -------
@@ -112,9 +105,7 @@ def track_and_anchor(
     notes: list[str] = []
     if anchor_from_track and path.suffix.lower() != ".csv":
         lane_anchor, notes = anchor_from_fixes(nmea_places(path))
-    names = None if axes is None else axes.split(",")
-    fixes = track_of(path, lane_anchor, body, names, max_gap, above_ground)
-    return fixes, lane_anchor, notes
+    return track_of(path, lane_anchor, reading), lane_anchor, notes
 
 
 def store_mapped(imported: Imported, store: Path, anchor: Anchor | None) -> None:

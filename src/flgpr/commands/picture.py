@@ -13,7 +13,7 @@ import pandas as pd
 import xarray as xr
 
 from flgpr.calibrate.peaks import image_peaks
-from flgpr.geo.anchor import read_anchor
+from flgpr.commands.positions import read_optional_anchor
 from flgpr.geo.geotiff import write_geotiff
 from flgpr.imaging.focus import CHOSEN_PIXELS, FocusedImage, focus
 from flgpr.imaging.view_axes import View, chosen_scans
@@ -141,7 +141,7 @@ def make_picture(
         If another file is at an output; a file that holds this very picture stays.
     """
     files = files_to_write(output, _PICTURES)
-    lane_anchor = None if anchor is None else read_anchor(anchor)
+    lane_anchor = read_optional_anchor(anchor)
     if lane_anchor is None and any(path.suffix.lower() == ".tif" for path in files):
         raise ValueError("a GeoTIFF needs an anchor, got none")
 

@@ -146,7 +146,10 @@ def band(
     curves = np.array([scores.pd_at(grid, *weights) for weights in draws_of(design, draws, seed)])
 
     resampled = curves.std(axis=0, ddof=1)
-    spread = np.maximum(resampled, _binomial_deviation(centre, design.clusters))
+    # Two successes and two failures are added.
+    shrunk = (centre * design.clusters + 2) / (design.clusters + 4)
+    binomial = np.sqrt(shrunk * (1 - shrunk) / (design.clusters + 4))
+    spread = np.maximum(resampled, binomial)
     largest_deviation = (np.abs(curves - centre) / spread).max(axis=1)
     of_level = float(np.quantile(largest_deviation, level))
     of_normal = float(special.ndtri((1 + level) / 2))
@@ -166,12 +169,6 @@ def band(
         "factor": factor,
     }
     return result
-
-
-def _binomial_deviation(detection: FloatArray, mines: int) -> FloatArray:
-    """Return the standard deviation of Pd with two successes and two failures added."""
-    shrunk = (detection * mines + 2) / (mines + 4)
-    return np.asarray(np.sqrt(shrunk * (1 - shrunk) / (mines + 4)))
 
 
 def pd_mean_interval(

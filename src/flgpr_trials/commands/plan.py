@@ -171,9 +171,9 @@ def plan_lane(
     it was registered is finished.
     """
     from flgpr.commands.exports import Wish, write_export
+    from flgpr.commands.positions import read_optional_anchor
     from flgpr.commands.reach import tell_doubts
     from flgpr.commands.scoring import borders, read_lanes
-    from flgpr.geo import read_anchor
     from flgpr.geo.points import require_one_lane
     from flgpr.store.extras import optional
     from flgpr.store.files import check_new
@@ -195,7 +195,7 @@ def plan_lane(
     plan = crew.drawn_plan(lanes, targets, seed, spacing, edge)
     plan[REGISTER_COLUMN] = register.name
     tell_doubts(plan, "truth", Path(targets).name, lanes)
-    lane_anchor = None if anchor is None else read_anchor(anchor)
+    lane_anchor = read_optional_anchor(anchor)
     # What cannot be tied, or may be missing, is looked for before anything is written.
     if lane_anchor is not None:
         require_one_lane(plan)

@@ -82,7 +82,7 @@ def seal(
     from flgpr_trials.commands import scores
     from flgpr_trials.folder import require_trial_rules
     from flgpr_trials.ledger import content_hash, register, require_truth
-    from flgpr_trials.sealing import require_seal, seal_truth, seals
+    from flgpr_trials.sealing import require_seal, seal_truth, seals, to_seal
 
     require_witnessed(witness, book)
     rules: dict[str, Any] = given({"halo": halo, "show": show and str(show)})
@@ -111,7 +111,7 @@ def seal(
     refuse_links(sealed)
     if os.path.lexists(sealed):
         phrase = passphrase() if callable(passphrase) else passphrase
-        is_same, sealed_register = seals(sealed, phrase, table, lanes, **rules)
+        is_same, sealed_register = seals(sealed, phrase, to_seal(table, lanes, **rules))
         # The register may have grown since: its last line may be another one.
         truths = [None if one is None else one["truth"] for one in (bound, sealed_register)]
         if not is_same or truths[0] != truths[1]:
