@@ -16,10 +16,8 @@ import numpy as np
 import pandas as pd
 
 from flgpr.commands.reach import are_near
-from flgpr.scoring.chance_level import chance
+from flgpr.scoring import Match, assign, chance, match, roc_of
 from flgpr.scoring.comparison import points_at
-from flgpr.scoring.lane_roc import assign, roc_of
-from flgpr.scoring.matching import Match, match
 from flgpr.types import Entries, PathLike
 from flgpr_trials.ledger import (
     RegisterLike,

@@ -18,6 +18,7 @@ from flgpr.scoring import (
     side_by_side,
 )
 from flgpr.scoring.lane_score import curve_by
+from flgpr.types import floats
 from flgpr_trials.folder import Requirement
 
 GROUPS = ("kind", "depth", "lane")
@@ -155,10 +156,8 @@ def holm(p_values: Sequence[float]) -> list[float]:
     >>> holm([0.01, 0.04, 0.03])
     [0.03, 0.06, 0.06]
     """
-    order = np.argsort(p_values, kind="stable")
-    adjusted = np.empty(len(p_values))
-    largest = 0.0
-    for rank, number in enumerate(order):
-        largest = max(largest, min(1.0, p_values[number] * (len(p_values) - rank)))
-        adjusted[number] = largest
-    return [float(value) for value in adjusted]
+    p = floats(p_values)
+    order = np.argsort(p, kind="stable")
+    adjusted = np.empty(len(p))
+    adjusted[order] = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
+    return np.minimum(1.0, adjusted).tolist()

@@ -18,8 +18,7 @@ from flgpr.commands.options import (
 from flgpr.commands.shell import Arguments, command, written
 
 if TYPE_CHECKING:
-    from flgpr.calibrate import BiasFit, ClockFit
-    from flgpr.calibrate.permittivity import GroundFit
+    from flgpr.calibrate import BiasFit, ClockFit, GroundFit
     from flgpr.types import Entries
 
 NewRun = Annotated[PathLike | None, output_option("calibrated run store")]

@@ -9,10 +9,8 @@ import pandas as pd
 import xarray as xr
 
 from flgpr.commands.positions import TrackReading, read_optional_anchor, tied_run, track_of
-from flgpr.formats import nmea_places
-from flgpr.formats.mapped import Imported
-from flgpr.geo import anchor_from_fixes
-from flgpr.geo.anchor import Anchor
+from flgpr.formats import Imported, nmea_places
+from flgpr.geo import Anchor, anchor_from_fixes
 from flgpr.model.motion import judge_run
 from flgpr.store import save_run, write_geojson, write_table
 from flgpr.store.run_writer import is_stored

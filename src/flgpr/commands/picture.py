@@ -20,7 +20,7 @@ from flgpr.imaging.view_axes import View, chosen_scans
 from flgpr.progress import Track, silent
 from flgpr.store import open_run
 from flgpr.store.extras import optional
-from flgpr.store.outputs import atomic_output
+from flgpr.store.outputs import atomic_output, write_new
 from flgpr.types import Entries, FloatArray, PathLike, floats
 
 if TYPE_CHECKING:
@@ -311,13 +311,13 @@ def write_drawing(
     path: Path, figure: Callable[[], Figure], arrays: Callable[[], Mapping[str, Any]]
 ) -> None:
     """Write what was drawn as PNG, or its arrays as NumPy archive, by the ending."""
-    with atomic_output(path) as partial:
-        if path.suffix.lower() == ".png":
-            from flgpr.report import figure_png  # loads Matplotlib
+    if path.suffix.lower() == ".png":
+        from flgpr.report import figure_png  # loads Matplotlib
 
-            partial.write_bytes(figure_png(figure()))
-        else:
-            np.savez(partial, **arrays())
+        write_new(path, figure_png(figure()))
+        return
+    with atomic_output(path) as partial:
+        np.savez(partial, **arrays())
 
 
 def _arrays(image: xr.DataArray) -> Entries:

@@ -39,7 +39,7 @@ from flgpr.model import SPEED_OF_LIGHT, complete_scans
 from flgpr.model.faults import first_fault
 from flgpr.store import MAX_MEMORY, open_run
 from flgpr.store.journal import read_limits
-from flgpr.toml_text import toml_value
+from flgpr.toml_text import toml_lines
 from flgpr.types import Entries, FloatArray
 
 MOST_SCANS = 1200
@@ -496,8 +496,6 @@ def _toml(steps: list[Step]) -> str:
     for step in steps:
         entries = step.model_dump(exclude_none=True, exclude_defaults=True)
         entries["do"] = step.do  # a default, which is left out
-        lines = ["[[step]]"]
-        for name, value in sorted(entries.items()):
-            lines.append(f"{name} = {toml_value(value)}")
+        lines = ["[[step]]", *toml_lines(dict(sorted(entries.items())), {})]
         tables.append("\n".join(lines) + "\n")
     return "\n".join(tables)

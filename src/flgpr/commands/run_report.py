@@ -27,7 +27,7 @@ from flgpr.recipe.fit import fit_faults
 from flgpr.recipe.schema import Recipe, lane_of, load_recipe, recipe_names
 from flgpr.results.description import describe_run, plausible_poses
 from flgpr.store import open_run
-from flgpr.store.outputs import atomic_output
+from flgpr.store.outputs import write_new
 from flgpr.types import Entries, FloatArray, PathLike
 
 _WIDEST = 10.0  # m, largest array that a vehicle carries; assumed
@@ -183,8 +183,7 @@ def _write_plot(path: PathLike, description: Entries, lane: Lane, looks: xr.Data
 
     margin = 0.1 * (lane.x_max - lane.x_min)
     figure = geometry_figure(description, lane, looks, margin)
-    with atomic_output(Path(path)) as partial:
-        partial.write_bytes(figure_png(figure))
+    write_new(Path(path), figure_png(figure))
 
 
 def model_info(folder: PathLike) -> Entries:

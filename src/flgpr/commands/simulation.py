@@ -29,7 +29,13 @@ from flgpr.simulate.bodies.signature import (
 )
 from flgpr.simulate.preview import preview_scene
 from flgpr.store.files import naming_output
-from flgpr.store.outputs import atomic_output, locked_folder, log_finished, output_exists_error
+from flgpr.store.outputs import (
+    atomic_output,
+    locked_folder,
+    log_finished,
+    output_exists_error,
+    write_new,
+)
 from flgpr.types import PathLike
 
 
@@ -111,8 +117,7 @@ def write_preview(scene: Scene, seed: int, path: PathLike, force: bool) -> Path:
 
     target = Path(path)
     figure = preview_figure(scene, seed, force)
-    with atomic_output(target) as partial:
-        partial.write_bytes(figure_png(figure, dpi=100))
+    write_new(target, figure_png(figure, dpi=100))
     return target
 
 

@@ -19,11 +19,9 @@ from flgpr.method.detection import MAIN, Detection
 from flgpr.model.constants import IMAGE_ATTRS
 from flgpr.model.run import described
 from flgpr.results.manifest import ResultError
-from flgpr.store import sha256
-from flgpr.store.files import write_whole
+from flgpr.store import sha256, write_geojson, write_table, write_whole
 from flgpr.store.notes import log_note
 from flgpr.store.tables import parse_columns, parse_own_table
-from flgpr.store.writing import write_geojson, write_table
 from flgpr.types import Entries, FloatArray
 
 if TYPE_CHECKING:
@@ -170,7 +168,8 @@ def parse_view(data: bytes) -> xr.DataArray:
     """
     arrays = Archive(io.BytesIO(data))
     shapes = {name: member.shape for name, member in arrays.members.items()}
-    axes = [shapes[name] for name in ("polarization", "subband", "y", "x")]
+    dims = ("polarization", "subband", "y", "x")
+    axes = [shapes[name] for name in dims]
     if any(len(axis) != 1 for axis in axes):
         raise ValueError(f"polarization, subband, y and x must be lists, got the shapes {axes}")
     sizes = tuple(axis[0] for axis in axes)
@@ -182,7 +181,6 @@ def parse_view(data: bytes) -> xr.DataArray:
     for name in ("polarization", "subband"):
         labels[name] = [str(label) for label in arrays[name]]
     coords = {**labels, "y": arrays["y"], "x": arrays["x"], "looks": (("y", "x"), arrays["looks"])}
-    dims = ("polarization", "subband", "y", "x")
     view = xr.DataArray(arrays["magnitude"], dims=dims, coords=coords, name="run_view")
     return described(view, IMAGE_ATTRS)
 

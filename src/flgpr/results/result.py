@@ -40,8 +40,7 @@ from flgpr.results.manifest import (
 )
 from flgpr.results.sections import SECTIONS, read_sections, sections_at
 from flgpr.results.view_files import plain_json, write_view
-from flgpr.store import sha256
-from flgpr.store.files import check_free_folder, write_whole
+from flgpr.store import check_free_folder, sha256, write_whole
 from flgpr.store.outputs import atomic_output, locked_folder
 from flgpr.types import Entries, PathLike
 

@@ -265,10 +265,7 @@ def _distribution(training: pd.DataFrame) -> list[Entries]:
     shares = [0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0]
     entries = []
     for label, group in groups:
-        quantiles = {}
-        for name in group.select_dtypes("number").columns:
-            values = group[name].dropna().quantile(shares)
-            quantiles[str(name)] = [_rounded(value) for value in values]
+        quantiles = _columns(group.select_dtypes("number").quantile(shares))
         entries.append(
             {"label": str(label), "count": len(group), "shares": shares, "quantiles": quantiles}
         )
