@@ -95,7 +95,7 @@ def _lines_of_result(result: Result) -> Iterator[str]:
                 yield run["another_array"]
         yield from run.get(name, {}).get("notes", [])
     page = (result.folder / "report.html").resolve()
-    yield f"{len(result.detections[0].alarms)} alarms; report: {page}"
+    yield f"{len(result.alarms)} alarms; report: {page}"
 
 
 def _as_json(returned: Result | Survey, call: Arguments) -> Any:
@@ -108,7 +108,7 @@ def _summary(result: Result) -> Entries:
     """Return number of alarms, scans left out, and folder of a result."""
     run = result.manifest["run"]
     summary = {
-        "alarms": len(result.detections[0].alarms),
+        "alarms": len(result.alarms),
         "masked_scans": run["masked_scans"],
         "implausible_scans": run.get("motion", {}).get("scans", []),
         "searched": run.get("searched", {}),

@@ -78,7 +78,13 @@ def score_overview(scored: Score, objects: pd.DataFrame | None = None) -> Figure
                 marker = "s" if kind == "post" else "D"
                 label = f"{kind}, no target"
                 _draw_points(axes, group, marker, "#4a5560", 6, label, filled=True)
-        _draw_scored_alarms(axes, alarms, threshold)
+        # The mark of a target that is found stands for the alarm that hits it.
+        is_raised = alarms["confidence"] >= threshold
+        _draw_points(axes, alarms[~is_raised], ".", _WEAK, 3, "alarm too weak to count")
+        raised = alarms[is_raised]
+        _draw_points(axes, raised[raised["label"] == "false"], "x", _FALSE, 9, "false alarm")
+        outside = raised[raised["label"] == "outside"]
+        _draw_points(axes, outside, "+", _WEAK, 9, "alarm beside the lane")
         detected = targets[targets["found"]]
         missed = targets[~targets["found"]]
         _draw_points(axes, detected, "o", _FOUND, 11, f"{scored.noun} found", filled=True)
@@ -86,19 +92,6 @@ def score_overview(scored: Score, objects: pd.DataFrame | None = None) -> Figure
         _draw_points(axes, missed, "o", _MISSED, 11, f"{scored.noun} missed")
     _finish(figure, strips)
     return figure
-
-
-def _draw_scored_alarms(axes: Axes, alarms: pd.DataFrame, threshold: float) -> None:
-    """Draw alarms that are too weak to count, false ones, and those beside the lane.
-
-    Alarms that hit a target are not drawn: the target's mark says that it was found.
-    """
-    is_raised = alarms["confidence"] >= threshold
-    _draw_points(axes, alarms[~is_raised], ".", _WEAK, 3, "alarm too weak to count")
-    raised = alarms[is_raised]
-    _draw_points(axes, raised[raised["label"] == "false"], "x", _FALSE, 9, "false alarm")
-    outside = raised[raised["label"] == "outside"]
-    _draw_points(axes, outside, "+", _WEAK, 9, "alarm beside the lane")
 
 
 def alarm_overview(lane: Lane, alarms: pd.DataFrame, border: float | None = None) -> Figure:

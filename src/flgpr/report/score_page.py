@@ -131,8 +131,8 @@ def write_score_report(
         notes or {},
         title=title,
         worst=worst,
-        alarm_patches=alarm_patches or {},
-        target_patches=target_patches or {},
+        alarm_patches=alarm_patches,
+        target_patches=target_patches,
     )
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -227,7 +227,7 @@ def report_html(
     if result is not None:
         truth = scored[0].matched.truth if scored else None
         values |= _result_values(result, truth, objects)
-        alarms = result.detections[0].alarms
+        alarms = result.alarms
         if not scored:
             values["standing"] = places_that_stand_out(result)
             border = values["run"].get("stands_out", {}).get("border")

@@ -100,8 +100,7 @@ class Result:
         return detection_html(self.detections[0], self.lane, self.manifest["run"]["title"])
 
     def __repr__(self) -> str:
-        alarms = len(self.detections[0].alarms)
-        return f"result of {self.recipe.name}: {alarms} alarms, in {self.folder}"
+        return f"result of {self.recipe.name}: {len(self.alarms)} alarms, in {self.folder}"
 
 
 def write_result(

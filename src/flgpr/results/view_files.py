@@ -233,9 +233,7 @@ def _write_detection(folder: Path, detection: Detection) -> Entries:
         "name": detection.name,
         "title": detection.title,
         "notes": detection.notes,
-        "alarms": {
-            str(name): alarms[name].tolist() for name in alarms.columns if name in _ALARM_COLUMNS
-        },
+        "alarms": alarms[alarms.columns.intersection(_ALARM_COLUMNS, sort=False)].to_dict("list"),
         "features": _columns(features),
         "contributions": None if contributions is None else _columns(contributions),
         "training": None if training is None else _distribution(training),

@@ -31,7 +31,7 @@ from flgpr.geo import map_backdrop, read_anchor
 from flgpr.store import MOST_VERDICT_BYTES, RunStoreError
 from flgpr.store.answers import MOST_ANSWER_BYTES, add_answer
 from flgpr.types import Entries
-from flgpr.viewer.guard import Guard, is_loopback
+from flgpr.viewer.guard import WILDCARDS, Guard, is_loopback
 from flgpr.viewer.limits import (
     LimitedConfig,
     LimitedServer,
@@ -187,7 +187,7 @@ class Viewer:
     @property
     def url(self) -> str:
         """Address of the page, token included."""
-        host = socket.gethostname() if self.host in ("0.0.0.0", "::") else self.host  # noqa: S104
+        host = socket.gethostname() if self.host in WILDCARDS else self.host
         return f"http://{system.address_text(host, self.port)}/{self.token}/"
 
     def keep_answers(self) -> None:

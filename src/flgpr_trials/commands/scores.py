@@ -176,7 +176,7 @@ def holds_sealed_score(request: ScoreRequest, entrant: Entrant) -> bool:
         "recipe_sha256": "" if request.trial.book is None else str(recipe_of(entrant)),
     }
     try:
-        report = parse_json(Folder(request.output).read(file.name, MOST_JSON))
+        report = Folder(request.output).json(file.name)
         stated = {name: report["notes"].get(name, "") for name in expected}
         is_same = stated == expected and report["flgpr"] == flgpr.__version__
     except (ValueError, KeyError, TypeError, AttributeError):
