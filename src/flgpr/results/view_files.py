@@ -229,11 +229,12 @@ def _write_detection(folder: Path, detection: Detection) -> Entries:
         features = alarms[other_columns].select_dtypes("number")
     contributions = detection.contributions
     training = detection.training
+    own_columns = [name for name in alarms.columns if name in _ALARM_COLUMNS]
     entry: Entries = {
         "name": detection.name,
         "title": detection.title,
         "notes": detection.notes,
-        "alarms": alarms[alarms.columns.intersection(_ALARM_COLUMNS, sort=False)].to_dict("list"),
+        "alarms": alarms[own_columns].to_dict("list"),
         "features": _columns(features),
         "contributions": None if contributions is None else _columns(contributions),
         "training": None if training is None else _distribution(training),
