@@ -16,10 +16,9 @@ import numpy as np
 import pandas as pd
 
 from flgpr.commands.reach import are_near
-from flgpr.scoring.chance_level import Chance, chance
-from flgpr.scoring.curve import operating_row
-from flgpr.scoring.lane_roc import assign, roc_of
-from flgpr.scoring.matching import Match, match
+from flgpr.scoring import Match, assign, chance, match, roc_of
+from flgpr.scoring.comparison import points_at
+from flgpr.types import Entries, PathLike
 from flgpr_trials.ledger import (
     RegisterLike,
     WitnessedRegister,
@@ -37,17 +36,6 @@ from flgpr_trials.sealing import Phrase, SealedTruth, decrypt_truth
 FAR_GRID = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
 _LOG_ENDING = ".log.jsonl"
 _COUNTS = ("n_alarms", "n_targets", "area", "halo_radius", "area_rule")
-_POINT_COLUMNS = [
-    "far",
-    "far_low",
-    "far_high",
-    "pd",
-    "pd_low",
-    "pd_high",
-    "n_detected",
-    "n_targets",
-    "n_false",
-]
 
 
 @dataclass(frozen=True)
@@ -71,7 +59,7 @@ class BlindScore:
     points: pd.DataFrame
     #: ``n_alarms``, ``n_targets``, ``area`` (m²), ``halo_radius`` (m), ``area_rule``, and
     #: ``targets_outside``, where targets lie too far outside the lane to be found or missed
-    counts: dict[str, Any]
+    counts: Entries
     looks: int  #: how often this truth was scored or opened so far, this time included
     lists: int  #: number of different alarm lists among them
     #: where the truth's owner allows it, a row per target: ``target_id``, ``kind``, ``depth``, and
@@ -79,15 +67,15 @@ class BlindScore:
     #: never a position
     targets: pd.DataFrame | None = None
     #: the register's line of the recipe, if that had to be there
-    registered: dict[str, Any] | None = None
+    registered: Entries | None = None
     #: of the ``log`` and the ``register``, the number of ``lines`` and the ``head``, the last one's
     #: hash, which an older copy lacks
-    heads: dict[str, dict[str, Any]] = field(default_factory=dict)
+    heads: dict[str, Entries] = field(default_factory=dict)
 
 
 def open_truth(
     path: str | Path, passphrase: str, log: str | Path | None = None
-) -> tuple[pd.DataFrame, dict[str, Any], dict[str, Any]]:
+) -> tuple[pd.DataFrame, Entries, Entries]:
     """Decrypt what :func:`flgpr.trials.seal_truth` wrote, which the log counts as a look.
 
     Parameters
@@ -118,15 +106,13 @@ def open_truth(
     return opened.truth, opened.lanes, opened.rules
 
 
-def _enter(
-    identity: str, log: RegisterLike, **entry: Any
-) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+def _enter(identity: str, log: RegisterLike, **entry: Any) -> tuple[list[Entries], list[Entries]]:
     """Enter a look into a log; return the truth's looks, this one last, and all lines."""
     lines = enter(log, lambda _: {"sealed": identity, **entry})
     return _looks(identity, lines), lines
 
 
-def _looks(identity: str, lines: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def _looks(identity: str, lines: Sequence[Entries]) -> list[Entries]:
     """Return the lines of a log that are looks at a sealed truth."""
     looks = []
     for line in lines:
@@ -135,7 +121,7 @@ def _looks(identity: str, lines: Sequence[dict[str, Any]]) -> list[dict[str, Any
     return looks
 
 
-def _log_of(sealed: str | Path, log: str | Path | None, identity: str) -> Path:
+def _log_of(sealed: PathLike, log: PathLike | None, identity: str) -> Path:
     """Return the log of a sealed truth.
 
     All links to it have one log, and so have copies under other names in its folder.
@@ -211,19 +197,25 @@ def blind_score(look: BlindLook) -> BlindScore:
     rules = look.rules
     area = rules["area"]
     column = rules["by"]
-    subsets: dict[str, Any] = {"all": None}
+    subsets: Entries = {"all": None}
     if column is not None:
         for value in sorted(look.truth[column].dropna().unique()):
             subsets[str(value)] = {column: value}
     level = chance(matched)
     tables = []
     for name, subset in subsets.items():
-        tables.append(_points(matched, level, name, subset, area))
+        curve = level.add_chance_column(roc_of(matched, subset, area=area), subset)
+        # More digits of the chance level could be held against guesses of where targets stand.
+        tables.append(points_at(curve, FAR_GRID, "group", name).round({"chance": 2}))
     curve = roc_of(matched, area=area)
     lists = {line["alarms"] for line in look.looks if "alarms" in line}
     targets = None
     if rules["show"] == "targets":
-        targets = _found_from(matched, area)
+        # The points are coarse enough to hide which alarm found a target.
+        outcomes = assign(matched, area)
+        first = np.searchsorted(FAR_GRID, outcomes["far"].to_numpy(), side="left")
+        columns = [name for name in ("target_id", "lane", "kind", "depth") if name in outcomes]
+        targets = outcomes[columns].assign(found_from=np.append(FAR_GRID, np.nan)[first])
     return BlindScore(
         points=pd.concat(tables, ignore_index=True),
         counts={name: curve.attrs[name] for name in _COUNTS} | look.outside,
@@ -247,20 +239,20 @@ class BlindLook:
     #: ``targets_outside``, how many lie farther outside than the halo, if there are any: no misses
     outside: dict[str, int]
     rules: dict[str, Any]  #: ``halo``, ``area``, ``by`` and ``show``
-    looks: list[dict[str, Any]]  #: all looks so far, this one last
-    line: dict[str, Any] | None  #: the register's line of the recipe
+    looks: list[Entries]  #: all looks so far, this one last
+    line: Entries | None  #: the register's line of the recipe
     #: of the ``log`` and the ``register``: number of lines, and the last one's hash
-    heads: dict[str, dict[str, Any]]
+    heads: dict[str, Entries]
 
 
 def match_blind(
     alarms: pd.DataFrame,
-    sealed: str | Path,
+    sealed: PathLike,
     passphrase: Phrase,
-    log: str | Path | None = None,
+    log: PathLike | None = None,
     only_lanes: Sequence[str] = (),
     registered: Registration | None = None,
-    witness: str | Path | None = None,
+    witness: PathLike | None = None,
 ) -> BlindLook:
     """Match an alarm list to a sealed truth, and enter the look before anything is returned.
 
@@ -324,8 +316,8 @@ def match_blind(
 
 
 def _admitted(
-    sealed: str | Path, log: Path, opened: SealedTruth, registered: Registration | None
-) -> dict[str, Any] | None:
+    sealed: PathLike, log: Path, opened: SealedTruth, registered: Registration | None
+) -> Entries | None:
     """Return the register's line of the recipe, or refuse the look.
 
     It is None for a truth without a register.
@@ -365,25 +357,3 @@ def _admitted(
             f"got it at {line['time']}"
         )
     return line
-
-
-def _found_from(matched: Match, area: Any) -> pd.DataFrame:
-    """Return the least FAR of the points at which every target is found.
-
-    The points are coarse enough to hide which alarm found it.
-    """
-    outcomes = assign(matched, area)
-    first = np.searchsorted(FAR_GRID, outcomes["far"].to_numpy(), side="left")
-    columns = [name for name in ("target_id", "lane", "kind", "depth") if name in outcomes]
-    return outcomes[columns].assign(found_from=np.append(FAR_GRID, np.nan)[first])
-
-
-def _points(matched: Match, level: Chance, name: str, subset: Any, area: Any) -> pd.DataFrame:
-    """Return the operating points of a group of targets."""
-    curve = level.add_chance_column(roc_of(matched, subset, area=area), subset)
-    rows = curve.iloc[operating_row(curve, np.array(FAR_GRID))].reset_index(drop=True)
-    # More digits of the chance level could be held against guesses of where targets stand.
-    rows = rows[[*_POINT_COLUMNS, "chance"]].round({"chance": 2})
-    rows = rows.assign(group=name, far_allowed=FAR_GRID)
-    rows.attrs = {}
-    return rows[["group", "far_allowed", *_POINT_COLUMNS, "chance"]]

@@ -20,6 +20,7 @@ from flgpr.append_log import AppendLog, read_log
 from flgpr.door import MOST_CHECKED, read_named
 from flgpr.json_text import parse_json
 from flgpr.model.printable import text_bytes
+from flgpr.types import Entries
 
 OPENED = "truth opened"
 """Event of a register: a truth was looked at. What is registered after it is too late."""
@@ -97,7 +98,7 @@ RegisterLike = str | Path | WitnessedRegister
 """A register, by its path or with its witness."""
 
 
-def register(path: RegisterLike, /, **entry: Any) -> dict[str, Any]:
+def register(path: RegisterLike, /, **entry: Any) -> Entries:
     """Append a line to a register, with the time and the hash of the line before.
 
     Parameters
@@ -122,8 +123,8 @@ def register(path: RegisterLike, /, **entry: Any) -> dict[str, Any]:
 
 
 def enter(
-    path: RegisterLike, make_entry: Callable[[list[dict[str, Any]]], Mapping[str, Any]]
-) -> list[dict[str, Any]]:
+    path: RegisterLike, make_entry: Callable[[list[Entries]], Mapping[str, Any]]
+) -> list[Entries]:
     """Append a line that depends on those before it, while no other process can.
 
     Parameters
@@ -164,7 +165,7 @@ def enter(
     return lines
 
 
-def read_register(path: str | Path) -> list[dict[str, Any]]:
+def read_register(path: str | Path) -> list[Entries]:
     """Read and check the lines of a register.
 
     Half a line at the end, as a full disk or a kill leaves it, is no line: its entry was never
@@ -195,7 +196,7 @@ def read_register(path: str | Path) -> list[dict[str, Any]]:
     return lines
 
 
-def head_of(lines: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def head_of(lines: Sequence[Mapping[str, Any]]) -> Entries:
     """Return the head of a register, by which a later reader knows whether a line was lost.
 
     Parameters
@@ -288,9 +289,9 @@ def _require_head(
         raise ValueError(f"register {path} has another line {count} than {who_tells}{when}")
 
 
-def _parsed(file: Path, texts: Sequence[bytes]) -> list[dict[str, Any]]:
+def _parsed(file: Path, texts: Sequence[bytes]) -> list[Entries]:
     """Return the lines of a register, each of which must follow the one before."""
-    lines: list[dict[str, Any]] = []
+    lines: list[Entries] = []
     for number, text in enumerate(texts, start=1):
         line = _fitting(text, lines)
         if line is None:
@@ -301,7 +302,7 @@ def _parsed(file: Path, texts: Sequence[bytes]) -> list[dict[str, Any]]:
     return lines
 
 
-def _fitting(text: bytes, lines: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
+def _fitting(text: bytes, lines: Sequence[Mapping[str, Any]]) -> Entries | None:
     """Return a line if its hash is right and it follows the lines before; else None."""
     previous = lines[-1]["hash"] if lines else ""
     try:
@@ -313,7 +314,7 @@ def _fitting(text: bytes, lines: Sequence[Mapping[str, Any]]) -> dict[str, Any] 
     return dict(line) if fits else None
 
 
-def _finish_torn(file: Path, log: AppendLog, lines: list[dict[str, Any]]) -> None:
+def _finish_torn(file: Path, log: AppendLog, lines: list[Entries]) -> None:
     """Add a last line that lacks nothing but its end, or warn that half a line is dropped.
 
     Text that is no beginning of a first line is that of another file, which is a ValueError.
@@ -334,7 +335,7 @@ def _finish_torn(file: Path, log: AppendLog, lines: list[dict[str, Any]]) -> Non
     )
 
 
-def before_opening(lines: Sequence[dict[str, Any]]) -> Sequence[dict[str, Any]]:
+def before_opening(lines: Sequence[Entries]) -> Sequence[Entries]:
     """Return the lines of a register that were entered before the first look at a truth."""
     for number, line in enumerate(lines):
         if line.get("event") == OPENED:
@@ -342,28 +343,28 @@ def before_opening(lines: Sequence[dict[str, Any]]) -> Sequence[dict[str, Any]]:
     return lines
 
 
-def require_unopened(lines: Sequence[dict[str, Any]], too_late: str) -> None:
+def require_unopened(lines: Sequence[Entries], too_late: str) -> None:
     """Raise a ValueError with a message if a truth was opened under a register of these lines."""
     if len(before_opening(lines)) < len(lines):
         raise ValueError(too_late)
 
 
-def enter_unopened(path: RegisterLike, entry: Mapping[str, Any], too_late: str) -> dict[str, Any]:
+def enter_unopened(path: RegisterLike, entry: Mapping[str, Any], too_late: str) -> Entries:
     """Append a line to a register unless a truth was opened under it, which is a ValueError."""
 
-    def make_entry(lines: list[dict[str, Any]]) -> Mapping[str, Any]:
+    def make_entry(lines: list[Entries]) -> Mapping[str, Any]:
         require_unopened(lines, too_late)
         return entry
 
     return enter(path, make_entry)[-1]
 
 
-def enter_opening(path: RegisterLike, opening: Mapping[str, Any]) -> dict[str, Any]:
+def enter_opening(path: RegisterLike, opening: Mapping[str, Any]) -> Entries:
     """Enter a look at a truth into a register; return the head of the register."""
     return head_of(enter(path, lambda _: {"event": OPENED, **opening}))
 
 
-def read_checked_register(register: RegisterLike) -> list[dict[str, Any]]:
+def read_checked_register(register: RegisterLike) -> list[Entries]:
     """Read a register, which must hold every line that its witness saw of it.
 
     Parameters
@@ -387,7 +388,7 @@ def read_checked_register(register: RegisterLike) -> list[dict[str, Any]]:
     return lines
 
 
-def require_registered(path: str | Path, recipe: str, model: str | None = None) -> dict[str, Any]:
+def require_registered(path: str | Path, recipe: str, model: str | None = None) -> Entries:
     """Check that a recipe was registered before any look at a truth.
 
     Parameters

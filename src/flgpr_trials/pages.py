@@ -17,6 +17,7 @@ from flgpr.report.comparison_page import POINT, points_figure
 from flgpr.report.curve_figures import COLOURS, MARKS
 from flgpr.report.kit import render, table_rows
 from flgpr.report.trial_block import TrialBlock, list_block
+from flgpr.types import Entries
 from flgpr_trials.blind import BlindScore
 from flgpr_trials.intake import ReadList
 
@@ -106,7 +107,7 @@ def lane_maps(lane: Lane, marks: pd.DataFrame, margin: float = 0.5) -> list[Figu
     height_to_scale = 10.0 * (width + 2 * margin) / (length + 2 * margin) + 0.55
     strip_height = min(_HIGHEST_STRIP, max(_LOWEST_STRIP, height_to_scale))
     kinds = sorted(map(str, marks["kind"].unique()))
-    styles: dict[str, dict[str, Any]] = {}
+    styles: dict[str, Entries] = {}
     for number, kind in enumerate(kinds):
         shape = {"marker": MARKS[number % len(MARKS)], "color": COLOURS[number % len(COLOURS)]}
         styles[kind] = {**shape, "mfc": "white", "mew": 1.6, "ls": "none"}
@@ -137,7 +138,7 @@ def _draw_strip(
     axes: Axes,
     lane: Lane,
     marks: pd.DataFrame,
-    styles: Mapping[str, dict[str, Any]],
+    styles: Mapping[str, Entries],
     strip: tuple[float, float, float],
 ) -> None:
     """Draw a strip of a lane, of which are given its begin, lane y, length and margin, with its marks."""

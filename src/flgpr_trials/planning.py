@@ -15,7 +15,7 @@ from scipy import special
 
 from flgpr.model import Lane
 from flgpr.scoring.matching import LaneLike, as_lanes
-from flgpr.types import FloatArray, IntArray
+from flgpr.types import FloatArray, IntArray, floats
 
 _MOST = 100_000
 _MOST_MINES = 10**12
@@ -264,7 +264,7 @@ def _check_targets(targets: pd.DataFrame) -> IntArray:
         raise ValueError(
             f"targets must not have columns that are drawn here, got {', '.join(taken)}"
         )
-    counts = pd.to_numeric(targets["count"], errors="coerce").to_numpy(dtype=np.float64)
+    counts = floats(pd.to_numeric(targets["count"], errors="coerce"))
     if len(counts) == 0 or not ((counts >= 1) & (counts == np.floor(counts))).all():
         raise ValueError(f"targets.count must be whole and positive, got {counts.tolist()}")
     for depth in targets["depth"]:

@@ -25,6 +25,7 @@ from flgpr.json_text import parse_json
 from flgpr.model import check_truth
 from flgpr.scoring.lane_roc import roc_of
 from flgpr.scoring.matching import LaneLike, as_lanes, match, one_of
+from flgpr.types import Entries
 
 FORMAT = "flgpr-sealed-truth-2"
 _COST = 2**17  # N of scrypt: half a second and 128 MiB for every guess; less is not opened either
@@ -102,7 +103,7 @@ def seal_truth(
     refuse_links(Path(path))
     if Path(path).exists():
         raise FileExistsError(f"output must not exist yet, got {path}")
-    content = _to_seal(truth, lane, halo, area, by, show)
+    content = to_seal(truth, lane, halo, area, by, show)
     content["book"] = None if register is None else dict(register)
     content["identity"] = secrets.token_hex(16)
     passphrase = passphrase() if callable(passphrase) else passphrase
@@ -119,39 +120,34 @@ def seal_truth(
 
 
 def seals(
-    path: str | Path,
-    passphrase: str,
-    truth: pd.DataFrame,
-    lane: LaneLike,
-    *,
-    halo: float = 1.0,
-    area: str = "union",
-    by: str | None = "kind",
-    show: str = "curve",
+    path: str | Path, passphrase: str, content: Entries
 ) -> tuple[bool, dict[str, str] | None]:
-    """Return whether a file seals this truth, lane and rules, and the register it is bound to.
+    """Return whether a file seals just this, see :func:`to_seal`, and the register it is bound to.
 
-    The parameters are those of :func:`seal_truth`. Whoever asks has the truth already, so that this
-    is no look at it.
+    Whoever asks has the truth already, so that this is no look at it.
     """
-    expected = _as_json(_to_seal(truth, lane, halo, area, by, show))
     try:
         opened = decrypt_truth(path, passphrase)
     except (ValueError, OSError):
         return False, None
     sealed = {"truth": opened.truth.to_dict("list"), "lanes": opened.lanes, "rules": opened.rules}
-    return _as_json(sealed) == expected, opened.register
+    return _as_json(sealed) == _as_json(content), opened.register
 
 
-def _as_json(content: dict[str, Any]) -> Any:
+def _as_json(content: Entries) -> Any:
     """Return a content as reading its JSON gives it."""
     return json.loads(json.dumps(content, default=_json_value))
 
 
-def _to_seal(
-    truth: pd.DataFrame, lane: LaneLike, halo: float, area: str, by: str | None, show: str
-) -> dict[str, Any]:
-    """Return the checked content of a sealed file."""
+def to_seal(
+    truth: pd.DataFrame,
+    lane: LaneLike,
+    halo: float = 1.0,
+    area: str = "union",
+    by: str | None = "kind",
+    show: str = "curve",
+) -> Entries:
+    """Return the checked content of a sealed file; the parameters are those of :func:`seal_truth`."""
     lanes = as_lanes(lane)
     one_of("show", show, SHOWS)
     if by is not None and by not in truth.columns:
@@ -172,8 +168,8 @@ class SealedTruth:
 
     identity: str  #: name under which its looks are counted
     truth: pd.DataFrame
-    lanes: dict[str, Any]
-    rules: dict[str, Any]
+    lanes: Entries
+    rules: Entries
     register: dict[str, str] | None  #: the register that it is bound to
 
 
@@ -224,7 +220,7 @@ def decrypt_truth(path: str | Path, passphrase: Phrase) -> SealedTruth:
     return SealedTruth(content["identity"], truth, content["lanes"], rules, content.get("book"))
 
 
-def _header(salt: bytes, nonce: bytes) -> dict[str, Any]:
+def _header(salt: bytes, nonce: bytes) -> Entries:
     """Return the part of a sealed file that is not encrypted; all of it is authenticated."""
     return {
         "format": FORMAT,
@@ -240,7 +236,7 @@ def _file_content(header: Mapping[str, Any], ciphertext: bytes) -> bytes:
     return json.dumps(content, indent=1).encode() + b"\n"
 
 
-def _read_sealed(path: Path) -> tuple[dict[str, Any], bytes]:
+def _read_sealed(path: Path) -> tuple[Entries, bytes]:
     """Read header and ciphertext of a sealed file, which must be as it was written."""
     data = read_named(path, _MOST_BYTES)
     try:

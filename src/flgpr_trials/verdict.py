@@ -15,9 +15,10 @@ from flgpr.scoring import (
     clopper_pearson,
     operating_row,
     pd_table,
-    roc_of,
     side_by_side,
 )
+from flgpr.scoring.lane_score import curve_by
+from flgpr.types import floats
 from flgpr_trials.folder import Requirement
 
 GROUPS = ("kind", "depth", "lane")
@@ -112,8 +113,7 @@ def judge(matches: Mapping[str, Match], requirement: Requirement, rules: Rules) 
     tables: dict[str, list[pd.DataFrame]] = {}
     for vendor, matched in matches.items():
         level = chance(matched, rules.shifts, rules.seed)
-        curve = level.add_chance_column(roc_of(matched, area=rules.area, level=rules.level))
-        curves[vendor] = curve
+        curves[vendor] = curve = curve_by(rules, matched, level)
         row = curve.iloc[[int(operating_row(curve, requirement.far))]]
         points.append(row.assign(detector=vendor, far_allowed=requirement.far))
         for column in GROUPS:
@@ -156,10 +156,8 @@ def holm(p_values: Sequence[float]) -> list[float]:
     >>> holm([0.01, 0.04, 0.03])
     [0.03, 0.06, 0.06]
     """
-    order = np.argsort(p_values, kind="stable")
-    adjusted = np.empty(len(p_values))
-    largest = 0.0
-    for rank, number in enumerate(order):
-        largest = max(largest, min(1.0, p_values[number] * (len(p_values) - rank)))
-        adjusted[number] = largest
-    return [float(value) for value in adjusted]
+    p = floats(p_values)
+    order = np.argsort(p, kind="stable")
+    adjusted = np.empty(len(p))
+    adjusted[order] = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
+    return np.minimum(1.0, adjusted).tolist()

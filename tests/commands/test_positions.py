@@ -3,6 +3,7 @@
 import pytest
 
 from flgpr.commands.positions import (
+    TrackReading,
     needed_anchor,
     read_optional_anchor,
     table_reading,
@@ -61,6 +62,6 @@ def test_a_track_is_csv_or_a_log_that_needs_an_anchor(tmp_path):
     ):
         track_of(tmp_path / "t.nmea", None)
     with pytest.raises(ValueError, match=r"t\.nmea: body and axes are of takes of OptiTrack"):
-        track_of(tmp_path / "t.nmea", None, body="radar")
+        track_of(tmp_path / "t.nmea", None, TrackReading(body="radar"))
     with pytest.raises(FileNotFoundError, match="track not found"):
         track_of(tmp_path / "none.csv", None)

@@ -8,7 +8,7 @@ import pytest
 
 from flgpr.model import Lane
 from flgpr.trials import open_truth, seal_truth
-from flgpr_trials.sealing import decrypt_truth, seals
+from flgpr_trials.sealing import decrypt_truth, seals, to_seal
 
 LANE = Lane(0.0, 4.0, 0.0, 30.0)
 TRUTH = pd.DataFrame(
@@ -85,7 +85,7 @@ def test_a_decrypted_truth_is_no_look(sealed):
 
 
 def test_a_file_seals_its_truth_lane_and_rules_and_no_others(sealed):
-    assert seals(sealed, PHRASE, TRUTH, LANE) == (True, None)
-    assert seals(sealed, PHRASE, TRUTH, LANE, halo=0.5) == (False, None)
-    assert seals(sealed, PHRASE, TRUTH.assign(depth=0.2), LANE) == (False, None)
-    assert seals(sealed, "wrong passphrase", TRUTH, LANE) == (False, None)
+    assert seals(sealed, PHRASE, to_seal(TRUTH, LANE)) == (True, None)
+    assert seals(sealed, PHRASE, to_seal(TRUTH, LANE, halo=0.5)) == (False, None)
+    assert seals(sealed, PHRASE, to_seal(TRUTH.assign(depth=0.2), LANE)) == (False, None)
+    assert seals(sealed, "wrong passphrase", to_seal(TRUTH, LANE)) == (False, None)

@@ -8,24 +8,24 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flgpr.commands.options import Paths
+from flgpr.commands.options import PathLike, Paths
 from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:
     from flgpr.scoring import Agreement
+    from flgpr.types import Entries
 
-PathLike = str | Path
 Verdicts = dict[tuple[str, str, str], str]
 PairAgreement = tuple["Agreement", int, int]
 """Agreement of two analysts, and how many alarms the first alone and the second alone judged."""
 Pairs = Mapping[tuple[str, str], PairAgreement]
 
 
-def agreement_json(pairs: Pairs, _: Arguments | None = None) -> list[dict[str, Any]]:
+def agreement_json(pairs: Pairs, _: Arguments | None = None) -> list[Entries]:
     """Return how far every two analysts agree as ``--json`` prints it; undefined is null."""
     entries = []
     for (first, second), (agreement, only_first, only_second) in pairs.items():
-        entry: dict[str, Any] = {
+        entry: Entries = {
             "first": first,
             "second": second,
             "only_first": only_first,

@@ -17,8 +17,8 @@ from flgpr.store import open_run, read_lane, save_run, write_whole
 from flgpr.store.files import existing
 from flgpr.store.outputs import atomic_output, write_new
 from flgpr.store.text_tables import read_text_table
+from flgpr.types import Entries, PathLike, floats
 
-PathLike = str | Path
 _PROJECTED = ("easting_m", "northing_m")
 _GEOGRAPHIC = ("longitude_deg", "latitude_deg")
 
@@ -50,7 +50,7 @@ def anchor_from_points(points: PathLike, crs: str, accuracy: float) -> str:
     with faults_of(path):
         columns = read_text_table(path)
     names = _point_columns(columns, path)
-    rows = np.stack([np.asarray(columns[name], dtype=np.float64) for name in names], axis=1)
+    rows = np.stack([floats(columns[name]) for name in names], axis=1)
     is_finite = np.isfinite(rows).all(axis=1)
     if not is_finite.all():
         raise ValueError(f"{path}: every value must be finite, got {rows[~is_finite][0].tolist()}")
@@ -102,7 +102,7 @@ def tie_lane(
     outline: PathLike | None = None,
     run: PathLike | None = None,
     output: PathLike | None = None,
-) -> dict[str, Any]:
+) -> Entries:
     """Return how an anchor fits, and tie a lane and a run to it.
 
     Parameters
@@ -126,7 +126,7 @@ def tie_lane(
     """
     lane_anchor = read_anchor(anchor)
     crs_accuracy = lane_anchor.crs_accuracy
-    fit: dict[str, Any] = {
+    fit: Entries = {
         **lane_anchor.georeference(),
         "crs": lane_anchor.crs,
         "points": lane_anchor.count,
@@ -172,7 +172,7 @@ def _corners(lane: Lane, anchor: Anchor) -> list[dict[str, float]]:
     return corners
 
 
-def _outline(corners: list[dict[str, float]], anchor: Anchor) -> dict[str, Any]:
+def _outline(corners: list[dict[str, float]], anchor: Anchor) -> Entries:
     """Return the outline of a lane as GeoJSON: a closed line and its corners."""
     positions = []
     points = []
@@ -195,7 +195,7 @@ def _outline(corners: list[dict[str, float]], anchor: Anchor) -> dict[str, Any]:
     return {"type": "FeatureCollection", "flgpr": about, "features": [line, *points]}
 
 
-def _feature(kind: str, coordinates: list[Any], properties: dict[str, Any]) -> dict[str, Any]:
+def _feature(kind: str, coordinates: list[Any], properties: Entries) -> Entries:
     """Return a feature of GeoJSON."""
     geometry = {"type": kind, "coordinates": coordinates}
     return {"type": "Feature", "geometry": geometry, "properties": properties}

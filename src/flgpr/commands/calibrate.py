@@ -18,8 +18,8 @@ from flgpr.commands.options import (
 from flgpr.commands.shell import Arguments, command, written
 
 if TYPE_CHECKING:
-    from flgpr.calibrate import BiasFit, ClockFit
-    from flgpr.calibrate.permittivity import GroundFit
+    from flgpr.calibrate import BiasFit, ClockFit, GroundFit
+    from flgpr.types import Entries
 
 NewRun = Annotated[PathLike | None, output_option("calibrated run store")]
 Reflectors = Annotated[PathLike, Option(help="CSV of reflectors: x_m, y_m, z_m in the lane frame.")]
@@ -48,7 +48,7 @@ def _clock_lines(fit: ClockFit, call: Arguments) -> Iterator[Any]:
     yield from _last_lines(fit, call)
 
 
-def _clock_json(fit: ClockFit, call: Arguments) -> dict[str, Any]:
+def _clock_json(fit: ClockFit, call: Arguments) -> Entries:
     """Return the figures of a clock."""
     return {
         "clock_offset_s": fit.offset,
@@ -84,9 +84,9 @@ def _bias_lines(fit: BiasFit, call: Arguments) -> Iterator[Any]:
     yield from _last_lines(fit, call)
 
 
-def _bias_json(fit: BiasFit, call: Arguments) -> dict[str, Any]:
+def _bias_json(fit: BiasFit, call: Arguments) -> Entries:
     """Return the figures of a bias, with those of the clock if it was estimated."""
-    figures: dict[str, Any] = {}
+    figures: Entries = {}
     if fit.offset is not None:
         figures |= {"clock_offset_s": fit.offset, "clock_offset_sigma_s": fit.offset_sigma}
     return figures | {

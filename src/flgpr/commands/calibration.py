@@ -11,12 +11,12 @@ import xarray as xr
 from flgpr.calibrate import BiasFit, ClockFit, remove_range_bias, with_track
 from flgpr.clutter import subtract_mean_scan
 from flgpr.commands.positions import track_of
+from flgpr.model.faults import faults_of
 from flgpr.store import open_run, save_run
 from flgpr.store.files import existing
 from flgpr.store.text_tables import read_text_table
-from flgpr.types import FloatArray
+from flgpr.types import FloatArray, PathLike
 
-PathLike = str | Path
 _COLUMNS = ("x_m", "y_m", "z_m")
 
 
@@ -120,10 +120,8 @@ def read_reflectors(path: PathLike) -> FloatArray:
         If columns are missing or a position is not finite.
     """
     file = existing(path, "file of reflectors")
-    try:
+    with faults_of(file):
         columns = read_text_table(file)
-    except ValueError as error:
-        raise ValueError(f"{file}: {error}") from None
     missing = [name for name in _COLUMNS if name not in columns]
     if missing:
         raise ValueError(

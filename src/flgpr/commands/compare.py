@@ -32,8 +32,9 @@ from flgpr.commands.score_request import (
     score_request,
     truth_path,
 )
-from flgpr.commands.score_text import comparison_lines, written_json
+from flgpr.commands.score_text import comparison_lines
 from flgpr.commands.shell import Arguments, command
+from flgpr.door import Folder
 
 if TYPE_CHECKING:
     from flgpr.scoring import SideBySide
@@ -47,7 +48,7 @@ def comparison_text(returned: SideBySide, call: Arguments) -> Iterator[Any]:
 
 def comparison_json(_: SideBySide | None, call: Arguments) -> Any:
     """Return the JSON that was written."""
-    return written_json(Path(call.output or "score"), "comparison.json")
+    return Folder(Path(call.output or "score")).json("comparison.json")
 
 
 @command(

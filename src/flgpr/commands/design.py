@@ -13,6 +13,8 @@ from flgpr.commands.shell import Arguments, command, options_given
 if TYPE_CHECKING:
     import pandas as pd
 
+    from flgpr.types import Entries
+
 _DEPTH = 0.05  # m, of the mines of the page
 
 
@@ -27,7 +29,7 @@ def _lines(returned: Any, call: Arguments) -> Iterator[Any]:
     yield f"report: {Path(call.output).resolve()}"
 
 
-def _as_json(tables: list[pd.DataFrame], _: Arguments) -> dict[str, Any]:
+def _as_json(tables: list[pd.DataFrame], _: Arguments) -> Entries:
     """Return the rows of all tables."""
     rows = []
     for table in tables:
@@ -35,7 +37,7 @@ def _as_json(tables: list[pd.DataFrame], _: Arguments) -> dict[str, Any]:
     return {"signal_to_clutter": rows}
 
 
-def _check_json(call: Arguments) -> dict[str, Any]:
+def _check_json(call: Arguments) -> Entries:
     """Refuse --json for the page, which has none."""
     if call.as_json and not call.signal_to_clutter:
         raise ValueError("--json goes with --signal-to-clutter, got it without")

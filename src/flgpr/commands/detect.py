@@ -34,6 +34,7 @@ from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:
     from flgpr.results.result import Result, Survey
+    from flgpr.types import Entries
 
 TRAINED_ON_THIS_RUN = (
     "the model was trained on this very run: what it finds here says nothing of other ground"
@@ -94,7 +95,7 @@ def _lines_of_result(result: Result) -> Iterator[str]:
                 yield run["another_array"]
         yield from run.get(name, {}).get("notes", [])
     page = (result.folder / "report.html").resolve()
-    yield f"{len(result.detections[0].alarms)} alarms; report: {page}"
+    yield f"{len(result.alarms)} alarms; report: {page}"
 
 
 def _as_json(returned: Result | Survey, call: Arguments) -> Any:
@@ -103,11 +104,11 @@ def _as_json(returned: Result | Survey, call: Arguments) -> Any:
     return summaries if len(call.runs) > 1 or len(summaries) > 1 else summaries[0]
 
 
-def _summary(result: Result) -> dict[str, Any]:
+def _summary(result: Result) -> Entries:
     """Return number of alarms, scans left out, and folder of a result."""
     run = result.manifest["run"]
     summary = {
-        "alarms": len(result.detections[0].alarms),
+        "alarms": len(result.alarms),
         "masked_scans": run["masked_scans"],
         "implausible_scans": run.get("motion", {}).get("scans", []),
         "searched": run.get("searched", {}),
@@ -120,7 +121,7 @@ def _summary(result: Result) -> dict[str, Any]:
     return summary
 
 
-def _one_run(call: Arguments) -> dict[str, Any]:
+def _one_run(call: Arguments) -> Entries:
     """Return the run alone where the command line names one: a list is a survey."""
     return {"runs": call.runs[0]} if len(call.runs) == 1 else {}
 

@@ -13,8 +13,7 @@ from typing import Any
 
 import pandas as pd
 
-from flgpr.door import MOST_JSON, DoorError, Folder, listed_files, read_named
-from flgpr.json_text import parse_json
+from flgpr.door import DoorError, Folder, listed_files, read_named
 from flgpr.method.model import MODEL_FILE
 from flgpr.results.manifest import read_result_manifest
 from flgpr.results.result import MODEL
@@ -23,8 +22,8 @@ from flgpr.store import sha256
 from flgpr.store.dialects import TableReading
 from flgpr.store.files import existing
 from flgpr.store.tables import parse_own_table, parse_table
+from flgpr.types import PathLike
 
-PathLike = str | Path
 _HEAD_LINES = 50  # of an alarm list in which its comments are looked for
 _HEAD_BYTES = 20_000
 _LONGEST_VENDOR = 120  # characters
@@ -240,7 +239,7 @@ def day_of_score(folder: Path, report: str, overwrite: bool) -> str:
     if overwrite or not (folder / report).is_file():
         return today
     try:
-        notes = parse_json(Folder(folder).read(report, MOST_JSON))["notes"]
+        notes = Folder(folder).json(report)["notes"]
         stated = [
             of_list["scored_on"] for of_list in notes_of_lists(notes) if "scored_on" in of_list
         ]

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from importlib.metadata import entry_points
 from pathlib import Path
 
-PathLike = str | Path
+from flgpr.commands.options import PathLike
+
 GROUP = "flgpr.exports"
 
 

@@ -8,14 +8,13 @@ from pathlib import Path
 import pandas as pd
 import xarray as xr
 
-from flgpr.commands.positions import PathLike, read_optional_anchor, tied_run, track_of
-from flgpr.formats import nmea_places
-from flgpr.formats.mapped import Imported
-from flgpr.geo import anchor_from_fixes
-from flgpr.geo.anchor import Anchor
+from flgpr.commands.positions import TrackReading, read_optional_anchor, tied_run, track_of
+from flgpr.formats import Imported, nmea_places
+from flgpr.geo import Anchor, anchor_from_fixes
 from flgpr.model.motion import judge_run
 from flgpr.store import save_run, write_geojson, write_table
 from flgpr.store.run_writer import is_stored
+from flgpr.types import PathLike
 
 
 def check_parent_folder(output: PathLike) -> Path:
@@ -24,12 +23,6 @@ def check_parent_folder(output: PathLike) -> Path:
     if not path.parent.is_dir():
         raise FileNotFoundError(f"the folder of the output must exist, got {path.parent}")
     return path
-
-
-def refuse_two_anchors(anchor: PathLike | None) -> None:
-    """Refuse an anchor together with anchor-from-track."""
-    if anchor is not None:
-        raise ValueError("anchor and anchor-from-track both say where the lane lies: give one")
 
 
 def finished_run(run: xr.Dataset, anchor: Anchor | None) -> xr.Dataset:
@@ -81,10 +74,7 @@ def track_and_anchor(
     track: PathLike | None,
     anchor: PathLike | None,
     anchor_from_track: bool,
-    body: str | None,
-    axes: str | None,
-    max_gap: float,
-    above_ground: float | None = None,
+    reading: TrackReading,
 ) -> tuple[pd.DataFrame | None, Anchor | None, list[str]]:
     """Read track and anchor of an import by mapping, as options name them.
 
@@ -96,20 +86,16 @@ def track_and_anchor(
         TOML that ties the lane to the Earth.
     anchor_from_track : bool
         Whether the fixes of a log make their own anchor.
-    body, axes : str or None
-        Body of a take, and its axes that are the lane's, parted by commas.
-    max_gap : float
-        Longest gap of a take that is bridged, s.
-    above_ground : float or None
-        Height of the antenna of an NMEA log above the ground, m, in place of the log's.
+    reading : TrackReading
+        What else the options say of the track.
 
     Returns
     -------
     track, anchor, notes
         What was read, and what was assumed of the anchor.
     """
-    if anchor_from_track:
-        refuse_two_anchors(anchor)
+    if anchor_from_track and anchor is not None:
+        raise ValueError("anchor and anchor-from-track both say where the lane lies: give one")
     lane_anchor = read_optional_anchor(anchor)
     if track is None:
         return None, lane_anchor, []
@@ -117,9 +103,7 @@ def track_and_anchor(
     notes: list[str] = []
     if anchor_from_track and path.suffix.lower() != ".csv":
         lane_anchor, notes = anchor_from_fixes(nmea_places(path))
-    names = None if axes is None else axes.split(",")
-    fixes = track_of(path, lane_anchor, body, names, max_gap, above_ground)
-    return fixes, lane_anchor, notes
+    return track_of(path, lane_anchor, reading), lane_anchor, notes
 
 
 def store_mapped(imported: Imported, store: Path, anchor: Anchor | None) -> None:

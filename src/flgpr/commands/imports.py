@@ -163,6 +163,7 @@ def import_mapped(
     """
     asked = locals()
     from flgpr.commands.importing import check_parent_folder, store_mapped, track_and_anchor
+    from flgpr.commands.positions import TrackReading
     from flgpr.formats.mapped import import_mapped as read_mapped
     from flgpr.formats.tracks import read_survey
     from flgpr.model.track import reference_track
@@ -175,7 +176,7 @@ def import_mapped(
         )
     target = check_parent_folder(output)
     fixes, lane_anchor, notes = track_and_anchor(
-        track, anchor, anchor_from_track, body, axes, max_gap, above_ground
+        track, anchor, anchor_from_track, TrackReading(body, axes, max_gap, above_ground)
     )
     poses = None if survey is None else read_survey(survey)
     imported = read_mapped(

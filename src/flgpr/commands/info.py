@@ -5,16 +5,20 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from flgpr.commands.options import OneOrMorePaths, PathLike, ShellType, one_or_more
 from flgpr.commands.shell import Arguments, command
 from flgpr.model.printable import printable
 
+if TYPE_CHECKING:
+    from flgpr.types import Entries
+
 # Height above the ground, m, above which the coverage ahead of a vehicle is not of interest.
 _AIRBORNE = 100.0
 _MAP_LINES = 24
 _SHADES = " ░▒▓█"
+_LONGEST = 100  # characters of a value that a model states
 
 
 def _is_model(path: Path) -> bool:
@@ -127,10 +131,14 @@ def _explain(paths: list[Path], mapping: Path | None) -> Any:
     return described
 
 
-def info_lines(report: dict[str, Any]) -> list[str]:
+def info_lines(report: Entries) -> list[str]:
     """Return the text about a run, for the dict of :func:`flgpr.commands.run_report.run_info`."""
     is_on_vehicle = report["height_m"] <= _AIRBORNE
-    lines = [_title(report), _scan_line(report), _sweep_line(report), _tone_line(report)]
+    title = printable(str(report["title"]))
+    source = report["source"]
+    if source:
+        title += f" ({printable(str(source))})"
+    lines = [title, _scan_line(report), _sweep_line(report), _tone_line(report)]
     if report["unambiguous_path_m"]:
         lines.append(
             f"  range          resolution {report['range_resolution_m']:.3f} m, "
@@ -153,14 +161,7 @@ def info_lines(report: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _title(report: dict[str, Any]) -> str:
-    """Return the title of a run, and its source if that is known."""
-    source = report["source"]
-    title = printable(str(report["title"]))
-    return f"{title} ({printable(str(source))})" if source else title
-
-
-def _scan_line(report: dict[str, Any]) -> str:
+def _scan_line(report: Entries) -> str:
     """Return number of scans, distance travelled and distance between scans."""
     line = f"  scans          {report['scans']} over {report['travelled_m']:.2f} m of travel"
     spacing = report["scan_spacing_m"]
@@ -169,7 +170,7 @@ def _scan_line(report: dict[str, Any]) -> str:
     return line
 
 
-def _sweep_line(report: dict[str, Any]) -> str:
+def _sweep_line(report: Entries) -> str:
     """Return number of channels, and which sweeps are missing."""
     polarizations = ", ".join(report["polarizations"])
     line = f"  sweeps         {report['pairs']} pairs x {polarizations}: "
@@ -180,7 +181,7 @@ def _sweep_line(report: dict[str, Any]) -> str:
     return line
 
 
-def _tone_line(report: dict[str, Any]) -> str:
+def _tone_line(report: Entries) -> str:
     """Return number of tones, band, and whether tones are evenly spaced."""
     low, high = report["frequency_hz"]
     if report["uniform_tones"]:
@@ -191,7 +192,7 @@ def _tone_line(report: dict[str, Any]) -> str:
     return f"  tones          {report['tones']} from {band}, {spacing}"
 
 
-def _array_line(report: dict[str, Any]) -> str:
+def _array_line(report: Entries) -> str:
     """Return number of antennas, size of the array, and its heights over the run."""
     pose_heights = [pose[2] for pose in report["pose"]]
     mean_pose_height = sum(pose_heights) / len(pose_heights)
@@ -205,7 +206,7 @@ def _array_line(report: dict[str, Any]) -> str:
     )
 
 
-def _coverage_line(report: dict[str, Any]) -> str:
+def _coverage_line(report: Entries) -> str:
     """Return the ground that is covered, and by how many looks."""
     x_min, x_max = report["lane"]["x"]
     y_min, y_max = report["lane"]["y"]
@@ -217,7 +218,7 @@ def _coverage_line(report: dict[str, Any]) -> str:
     )
 
 
-def model_lines(report: dict[str, Any]) -> list[str]:
+def model_lines(report: Entries) -> list[str]:
     """Return the text about a model.
 
     Texts of the file may be anybody's: they are written as JSON, which hides no character.
@@ -247,10 +248,10 @@ def model_lines(report: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _quoted(value: Any, longest: int = 100) -> str:
+def _quoted(value: Any) -> str:
     """Return a value of a file as JSON in ASCII, cut off where it is long."""
     text = json.dumps(value)
-    return text if len(text) <= longest else text[: longest - 3] + "..."
+    return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
 
 
 def _recipe_lines(faults: dict[str, list[str]]) -> list[str]:
@@ -270,7 +271,7 @@ def _recipe_lines(faults: dict[str, list[str]]) -> list[str]:
     return lines
 
 
-def _coverage_map(report: dict[str, Any]) -> list[str]:
+def _coverage_map(report: Entries) -> list[str]:
     """Return looks as a map of characters, down-track upwards, of some 24 lines."""
     rows = report["looks_map"]
     most = max(report["looks"]["most"], 1)

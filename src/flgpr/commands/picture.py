@@ -13,20 +13,19 @@ import pandas as pd
 import xarray as xr
 
 from flgpr.calibrate.peaks import image_peaks
-from flgpr.geo.anchor import read_anchor
+from flgpr.commands.positions import read_optional_anchor
 from flgpr.geo.geotiff import write_geotiff
 from flgpr.imaging.focus import CHOSEN_PIXELS, FocusedImage, focus
 from flgpr.imaging.view_axes import View, chosen_scans
 from flgpr.progress import Track, silent
 from flgpr.store import open_run
 from flgpr.store.extras import optional
-from flgpr.store.outputs import atomic_output
-from flgpr.types import FloatArray, floats
+from flgpr.store.outputs import atomic_output, write_new
+from flgpr.types import Entries, FloatArray, PathLike, floats
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PathLike = str | Path
 _GROUND = View()
 _IMAGE_QUANTITY = "magnitude of the focused image, in the arbitrary unit of the run's signal"
 _PICTURES = (".png", ".npz", ".zarr", ".tif")
@@ -63,7 +62,7 @@ class Picture(FocusedImage):
             )
         yield from noted(self.notes)
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> Entries:
         """Return the figures of the picture."""
         return {
             "spacing_m": self.spacing,
@@ -84,7 +83,7 @@ class Slices(FocusedImage):
         yield f"{self.scans} scans, {sizes['z']} slices of {pixels}"
         yield from noted(self.notes)
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> Entries:
         """Return the figures of the slices."""
         return {
             "scans": self.scans,
@@ -142,7 +141,7 @@ def make_picture(
         If another file is at an output; a file that holds this very picture stays.
     """
     files = files_to_write(output, _PICTURES)
-    lane_anchor = None if anchor is None else read_anchor(anchor)
+    lane_anchor = read_optional_anchor(anchor)
     if lane_anchor is None and any(path.suffix.lower() == ".tif" for path in files):
         raise ValueError("a GeoTIFF needs an anchor, got none")
 
@@ -312,15 +311,15 @@ def write_drawing(
     path: Path, figure: Callable[[], Figure], arrays: Callable[[], Mapping[str, Any]]
 ) -> None:
     """Write what was drawn as PNG, or its arrays as NumPy archive, by the ending."""
+    if path.suffix.lower() == ".png":
+        from flgpr.report import figure_png  # loads Matplotlib
+
+        write_new(path, figure_png(figure()))
+        return
     with atomic_output(path) as partial:
-        if path.suffix.lower() == ".png":
-            from flgpr.report import figure_png  # loads Matplotlib
-
-            partial.write_bytes(figure_png(figure()))
-        else:
-            np.savez(partial, **arrays())
+        np.savez(partial, **arrays())
 
 
-def _arrays(image: xr.DataArray) -> dict[str, Any]:
+def _arrays(image: xr.DataArray) -> Entries:
     """Return the arrays of an image and its axes by name."""
     return {"image": image.values} | {str(name): one.values for name, one in image.coords.items()}

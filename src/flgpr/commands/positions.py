@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,7 @@ from flgpr.geo.anchor import Anchor, own_anchor, read_anchor
 from flgpr.store.dialects import TableReading, parse_columns_option
 from flgpr.store.files import existing
 from flgpr.store.notes import log_note
-
-PathLike = str | Path
+from flgpr.types import PathLike
 
 
 def read_optional_anchor(anchor: PathLike | Anchor | None) -> Anchor | None:
@@ -85,13 +85,19 @@ def table_reading(
     return TableReading(names, read_optional_anchor(anchor), unranked)
 
 
+@dataclass(frozen=True)
+class TrackReading:
+    """How a user says a track is to be read."""
+
+    body: str | None = None  #: of a take of OptiTrack Motive
+    axes: str | None = None  #: of the take that are those of the lane, parted by commas
+    max_gap: float = 1.0  #: longest gap of a take that is bridged, s
+    #: height of the antenna of an NMEA log above the ground, m, in place of the log's
+    above_ground: float | None = None
+
+
 def track_of(
-    path: Path,
-    anchor: PathLike | Anchor | None,
-    body: str | None = None,
-    axes: Sequence[str] | None = None,
-    max_gap: float = 1.0,
-    above_ground: float | None = None,
+    path: Path, anchor: PathLike | Anchor | None, reading: TrackReading = TrackReading()
 ) -> pd.DataFrame:
     """Read a track from CSV (:func:`flgpr.formats.read_track`), or from an NMEA log.
 
@@ -101,14 +107,8 @@ def track_of(
         The file.
     anchor : path, Anchor or None
         Ties positions on the Earth to the lane; an NMEA log needs it.
-    body : str, optional
-        Body of a take of OptiTrack Motive.
-    axes : sequence of str, optional
-        Axes of the lane in those of the take.
-    max_gap : float
-        Longest gap of a take that is bridged, s.
-    above_ground : float, optional
-        Height of the antenna of an NMEA log above the ground, m, in place of the log's.
+    reading : TrackReading
+        What the user says of it.
 
     Returns
     -------
@@ -122,22 +122,24 @@ def track_of(
     """
     from flgpr.formats.tracks import read_nmea, read_track  # the readers of array files are slow
 
+    height = reading.above_ground
     is_table = existing(path, "track").suffix.lower() == ".csv"
-    if above_ground is not None and (is_table or not above_ground > 0):
+    if height is not None and (is_table or not height > 0):
         raise ValueError(
             f"above-ground must be the positive height of an NMEA log's antenna, m, got "
-            f"{above_ground:g} for {path}"
+            f"{height:g} for {path}"
         )
     if is_table:
-        return read_track(path, "column", body, axes, max_gap)
-    if body is not None or axes is not None:
+        axes = None if reading.axes is None else reading.axes.split(",")
+        return read_track(path, "column", reading.body, axes, reading.max_gap)
+    if reading.body is not None or reading.axes is not None:
         raise ValueError(f"{path}: body and axes are of takes of OptiTrack Motive, this is none")
     lane_anchor = read_optional_anchor(anchor)
     if lane_anchor is None:
         raise ValueError(
             f"{path}: a track of a satellite receiver needs an anchor to lie in the lane"
         )
-    return read_nmea(path, lane_anchor, height=above_ground)
+    return read_nmea(path, lane_anchor, height=height)
 
 
 def read_recorded(path: PathLike, anchor: PathLike | None = None) -> xr.Dataset:

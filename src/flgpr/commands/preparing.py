@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import xarray as xr
@@ -23,8 +22,8 @@ from flgpr.door import read_named
 from flgpr.model.faults import first_fault, parse_entries
 from flgpr.store import MAX_MEMORY, open_run, save_run
 from flgpr.store.files import existing
+from flgpr.types import PathLike
 
-PathLike = str | Path
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 _COPIES = 4  # of the signal, while a step is at work

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,13 +23,11 @@ from flgpr.commands.picture import files_to_write, noted, write_drawing
 from flgpr.formats.reader import recording_reader
 from flgpr.formats.section import GprSection
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.store import MAX_MEMORY
-from flgpr.types import FloatArray, IntArray, floats
+from flgpr.types import Entries, FloatArray, IntArray, PathLike, floats
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PathLike = str | Path
 ENDINGS = (".png", ".npz")
 _MOST_SAMPLES = 50_000_000  # of a radargram
 
@@ -73,7 +71,7 @@ class Radargram:
             yield f"step: {step}"
         yield from noted(self.notes)
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> Entries:
         """Return the figures of the radargram."""
         traces, samples = self.values.shape
         return {
@@ -96,10 +94,7 @@ class Radargram:
 
 
 def make_radargram(
-    path: PathLike,
-    view: RadargramView = RadargramView(),
-    output: Sequence[PathLike] = (),
-    max_memory: int = MAX_MEMORY,
+    path: PathLike, view: RadargramView = RadargramView(), output: Sequence[PathLike] = ()
 ) -> Radargram:
     """Read a recording, take the steps, and write the radargram as PNG or NumPy (.npz).
 
@@ -111,8 +106,6 @@ def make_radargram(
         What is drawn, after which steps.
     output : sequence of path
         Files to write.
-    max_memory : int
-        Largest array that is read, bytes.
 
     Returns
     -------
@@ -127,13 +120,13 @@ def make_radargram(
         If another file is at an output.
     """
     files = files_to_write(output, ENDINGS, " of a recording")
-    drawn = radargram(recording_reader(path).read_section(Path(path), max_memory), view)
+    drawn = radargram(recording_reader(path).read_section(Path(path)), view)
     for file in files:
         write_drawing(file, lambda: _figure(drawn), lambda: _arrays(drawn))
     return drawn
 
 
-def radargram(section: GprSection, view: RadargramView = RadargramView()) -> Radargram:
+def radargram(section: GprSection, view: RadargramView) -> Radargram:
     """Take the steps of a view on the traces of a recording.
 
     A view that does not fit the recording is a ValueError.
@@ -217,7 +210,7 @@ def _figure(drawn: Radargram) -> Figure:
     )
 
 
-def _arrays(drawn: Radargram) -> dict[str, Any]:
+def _arrays(drawn: Radargram) -> Entries:
     """Return the arrays of a radargram; without distances they are an empty array."""
     return {
         "values": drawn.values,

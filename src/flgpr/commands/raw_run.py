@@ -39,8 +39,8 @@ from flgpr.model import SPEED_OF_LIGHT, complete_scans
 from flgpr.model.faults import first_fault
 from flgpr.store import MAX_MEMORY, open_run
 from flgpr.store.journal import read_limits
-from flgpr.toml_text import toml_value
-from flgpr.types import FloatArray
+from flgpr.toml_text import toml_lines
+from flgpr.types import Entries, FloatArray
 
 MOST_SCANS = 1200
 MOST_BINS = 800
@@ -115,9 +115,9 @@ class RawRun:
         self._last_channel: tuple[tuple[str, int, str], xr.Dataset] | None = None
         self._complete = complete_scans(self._run)
 
-    def answer(self, what: str, query: Mapping[str, str]) -> dict[str, Any]:
+    def answer(self, what: str, query: Mapping[str, str]) -> Entries:
         """Answer a query for a ``bscan``, a ``spectrum``, an ``image`` or the ``health``."""
-        answers: dict[str, Callable[[_Query], dict[str, Any]]] = {
+        answers: dict[str, Callable[[_Query], Entries]] = {
             "bscan": self.bscan,
             "spectrum": self.spectrum,
             "image": self.image,
@@ -131,7 +131,7 @@ class RawRun:
                 raise ValueError(first_fault(error, _Query)) from None
             return answers[what](parsed)
 
-    def bscan(self, query: _Query) -> dict[str, Any]:
+    def bscan(self, query: _Query) -> Entries:
         """Compute range profiles of a channel after the steps.
 
         ``halves`` are ``count`` bins of each scan, scan by scan: dB of the largest amplitude in a
@@ -177,7 +177,7 @@ class RawRun:
             "toml": _toml(self._steps(query.steps)),
         }
 
-    def _simulated_ends(self, query: _Query, bins: DelayBins) -> list[dict[str, Any]]:
+    def _simulated_ends(self, query: _Query, bins: DelayBins) -> list[Entries]:
         """Return where simulated echoes end in a B-scan: ``delay_ns``, and in ``words`` what ends.
 
         Beyond the last of them a simulated sweep holds noise alone, so that its level steps down;
@@ -198,7 +198,7 @@ class RawRun:
                 ends.append({"delay_ns": round(delay * 1e9, 2), "words": reason})
         return ends
 
-    def spectrum(self, query: _Query) -> dict[str, Any]:
+    def spectrum(self, query: _Query) -> Entries:
         """Return the levels of a scan's tones after the steps, dB, and the median over all scans.
 
         ``disturbed_ghz`` are the tones that :func:`flgpr.calibrate.disturbed_tones` finds before
@@ -233,7 +233,7 @@ class RawRun:
         disturbed = recorded["frequency"].values[is_disturbed] * 1e-9
         channel.attrs["disturbed_ghz"] = disturbed.tolist()
 
-    def image(self, query: _Query) -> dict[str, Any]:
+    def image(self, query: _Query) -> Entries:
         """Focus a scan, or all that are shown, after the steps, as ``flgpr image`` does.
 
         ``halves`` are dB, row by row along the axis ``up``; each axis has a name, the positions of
@@ -255,7 +255,7 @@ class RawRun:
         picture = picture_of(run, view, pixels=pixels)
         return _image_answer(picture) | {"toml": _toml(self._steps(query.steps))}
 
-    def health(self) -> dict[str, Any]:
+    def health(self) -> Entries:
         """Return the health of every channel as ``flgpr info`` judges it, with its warnings."""
         stride = self._stride(self._run["signal"].nbytes)
         every_nth = self._run.isel(scan=slice(None, None, stride))
@@ -450,7 +450,7 @@ def _tone_levels(signal: NDArray[np.complexfloating]) -> FloatArray:
     return np.asarray(levels(np.abs(signal).astype(np.float64)))
 
 
-def _image_answer(picture: Picture) -> dict[str, Any]:
+def _image_answer(picture: Picture) -> Entries:
     """Return an image, its axes and its brightest points, for a page."""
     flat = picture.image[0].squeeze()
     level = levels(flat.values)
@@ -496,8 +496,6 @@ def _toml(steps: list[Step]) -> str:
     for step in steps:
         entries = step.model_dump(exclude_none=True, exclude_defaults=True)
         entries["do"] = step.do  # a default, which is left out
-        lines = ["[[step]]"]
-        for name, value in sorted(entries.items()):
-            lines.append(f"{name} = {toml_value(value)}")
+        lines = ["[[step]]", *toml_lines(dict(sorted(entries.items())), {})]
         tables.append("\n".join(lines) + "\n")
     return "\n".join(tables)

@@ -5,8 +5,6 @@ Targets out of reach are counted apart. Of what is doubtful a warning tells; not
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pandas as pd
 
@@ -15,7 +13,7 @@ from flgpr.report.trial_block import borders_in_words
 from flgpr.scoring import as_lanes
 from flgpr.scoring.matching import LaneLike, Match, stated_lanes
 from flgpr.store.notes import log_note
-from flgpr.types import BoolArray
+from flgpr.types import BoolArray, Entries, floats
 
 _SHARE_OUTSIDE = 0.5  # of the rows, above which the axes may be swapped
 _ROW_NAMES = {"alarms": "alarms", "truth": "targets"}
@@ -27,7 +25,7 @@ _DEEPEST = 1.0  # m, below which no mine is laid: a greater depth is likely in a
 
 def targets_in_reach(
     targets: pd.DataFrame, lanes: LaneLike, halo: float, name: str
-) -> tuple[pd.DataFrame, dict[str, Any]]:
+) -> tuple[pd.DataFrame, Entries]:
     """Return the targets whose halo touches the searched ground, and a note on the others.
 
     No alarm of that ground can be a hit on a target that lies farther outside than the halo. It is
@@ -103,8 +101,8 @@ def are_near(
     lanes_by_name = as_lanes(lanes)
     has_lanes = "lane" in table.columns and list(lanes_by_name) != [""]
     stated = stated_lanes(table, list(lanes_by_name), name) if has_lanes else None
-    x = table["x"].to_numpy(np.float64)
-    y = table["y"].to_numpy(np.float64)
+    x = floats(table["x"])
+    y = floats(table["y"])
     in_reach = np.zeros(len(table), dtype=np.bool_)
     for lane_name, lane in lanes_by_name.items():
         is_near = lane.distance(x, y) <= margin
@@ -199,7 +197,7 @@ def _close_together(targets: pd.DataFrame) -> int:
 
     keys = [name for name in ("kind", "lane") if name in targets.columns]
     groups = targets.groupby(keys) if keys else [("", targets)]
-    trees = [cKDTree(group[["x", "y"]].to_numpy(np.float64)) for _, group in groups]
+    trees = [cKDTree(floats(group[["x", "y"]])) for _, group in groups]
     return sum(len(tree.query_pairs(_ONE_TARGET)) for tree in trees)
 
 
@@ -238,7 +236,7 @@ def _depth_doubts(table: pd.DataFrame, row_name: str) -> list[str]:
     """Return what is doubtful about the depths of a table, if it has any."""
     if "depth" not in table.columns:
         return []
-    depth = table["depth"].to_numpy(np.float64)
+    depth = floats(table["depth"])
     deep = int((np.abs(depth) > _DEEPEST).sum())
     if not deep:
         return []
@@ -249,7 +247,7 @@ def _depth_doubts(table: pd.DataFrame, row_name: str) -> list[str]:
     ]
 
 
-def refuse_elsewhere(alarms: pd.DataFrame, lanes: LaneLike, name: str) -> dict[str, Any]:
+def refuse_elsewhere(alarms: pd.DataFrame, lanes: LaneLike, name: str) -> Entries:
     """Refuse a list of which every alarm lies outside the lane; return how many others do.
 
     Such a list belongs to another lane, or its columns are not what they seem: a score of it would

@@ -15,9 +15,10 @@ if TYPE_CHECKING:
 
     from flgpr.progress import Track
     from flgpr.results.result import Result
+    from flgpr.types import Entries
 
 
-def _lines(outcome: dict[str, Any], _: Arguments) -> Iterator[str]:
+def _lines(outcome: Entries, _: Arguments) -> Iterator[str]:
     """Yield whether the results are identical, agree, or differ."""
     if outcome["identical"]:
         yield "identical: every file has the same bytes"
@@ -92,7 +93,7 @@ def replay(
 
 
 def _detect_again(
-    old: Result, run: xr.Dataset, description: dict[str, Any], folder: Path, track: Track
+    old: Result, run: xr.Dataset, description: Entries, folder: Path, track: Track
 ) -> None:
     """Detect by the recipes of a result and write the new result."""
     from flgpr.health.judging import LeftOut
@@ -145,7 +146,7 @@ def _detect_again(
     write_result(folder, detections, old.recipe_text, old.lane, description, model, section_note)
 
 
-def _comparison(old: Result, new: Result, tolerance: float) -> dict[str, Any]:
+def _comparison(old: Result, new: Result, tolerance: float) -> Entries:
     """Compare the files, the alarms and the run-views of two results."""
     old_files = old.manifest["files"]
     new_files = new.manifest["files"]

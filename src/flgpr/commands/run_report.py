@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -28,10 +27,9 @@ from flgpr.recipe.fit import fit_faults
 from flgpr.recipe.schema import Recipe, lane_of, load_recipe, recipe_names
 from flgpr.results.description import describe_run, plausible_poses
 from flgpr.store import open_run
-from flgpr.store.outputs import atomic_output
-from flgpr.types import FloatArray
+from flgpr.store.outputs import write_new
+from flgpr.types import Entries, FloatArray, PathLike
 
-PathLike = str | Path
 _WIDEST = 10.0  # m, largest array that a vehicle carries; assumed
 _LOOKED_AT = 8  # scans that tell whether the data are real
 _UNIFORM = 1e-3  # of the step between tones, by which uniform tones may differ; assumed
@@ -44,7 +42,7 @@ def run_info(
     recipe: PathLike | None = None,
     plot: PathLike | None = None,
     recipes: bool = False,
-) -> dict[str, Any]:
+) -> Entries:
     """Return what a run holds and what follows from it, and draw it if a plot is asked for.
 
     Parameters
@@ -122,7 +120,7 @@ def run_info(
     return report
 
 
-def _tone_figures(frequency: FloatArray) -> dict[str, Any]:
+def _tone_figures(frequency: FloatArray) -> Entries:
     """Return what follows from the tones (Hz): range, resolution, and whether they are uniform."""
     steps = np.diff(frequency)
     unambiguous = unambiguous_path(frequency)
@@ -138,7 +136,7 @@ def _tone_figures(frequency: FloatArray) -> dict[str, Any]:
     }
 
 
-def _geometry_figures(description: dict[str, Any], poses: FloatArray) -> dict[str, Any]:
+def _geometry_figures(description: Entries, poses: FloatArray) -> Entries:
     """Return distance travelled, distances of scans, extent of the array and its mean height, m."""
     spacing = np.hypot(*np.diff(poses[:, :2], axis=0).T)
     antennas = np.array(description["tx_m"] + description["rx_m"])
@@ -176,9 +174,7 @@ def _coverage(
     return lane, xr.DataArray(counts, dims=("y", "x"), coords={"y": coarse.y, "x": coarse.x})
 
 
-def _write_plot(
-    path: PathLike, description: dict[str, Any], lane: Lane, looks: xr.DataArray
-) -> None:
+def _write_plot(path: PathLike, description: Entries, lane: Lane, looks: xr.DataArray) -> None:
     """Draw plan, coverage and side view as PNG."""
     from flgpr.report import (  # loads Matplotlib, which the text does without
         figure_png,
@@ -187,11 +183,10 @@ def _write_plot(
 
     margin = 0.1 * (lane.x_max - lane.x_min)
     figure = geometry_figure(description, lane, looks, margin)
-    with atomic_output(Path(path)) as partial:
-        partial.write_bytes(figure_png(figure))
+    write_new(Path(path), figure_png(figure))
 
 
-def model_info(folder: PathLike) -> dict[str, Any]:
+def model_info(folder: PathLike) -> Entries:
     """Return what a model, or the model of a result, holds, without loading it.
 
     It is the dict of :func:`flgpr.method.model.describe_model`; for a result, ``result`` is its

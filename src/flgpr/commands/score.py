@@ -41,9 +41,10 @@ from flgpr.commands.score_request import (
     score_request,
     truth_path,
 )
-from flgpr.commands.score_text import score_lines, score_summary, written_json
+from flgpr.commands.score_text import score_lines, score_summary
 from flgpr.commands.shell import Arguments, ErrorStreamText, command, options_given
 from flgpr.commands.trials import needed_trials
+from flgpr.door import Folder
 
 _OF_AGREEMENT = {"alarms", "agreement", "overwrite"}
 _OF_SEAL = {"alarms", "seal", "lane", "output", "halo", "show", "book", "witness", "overwrite"}
@@ -90,7 +91,7 @@ def _as_json(returned: Any, call: Arguments) -> Any:
         return comparison_json(returned, call)
     if call.sealed is None and not call.seal:
         return score_summary(returned)
-    return written_json(Path(call.output or "score"), "roc.json")
+    return Folder(Path(call.output or "score")).json("roc.json")
 
 
 def _passphrase(call: Arguments) -> dict[str, Any]:

@@ -5,11 +5,9 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flgpr.door import MOST_JSON, Folder
-from flgpr.json_text import parse_json
+from flgpr.door import Folder
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -20,11 +18,6 @@ if TYPE_CHECKING:
 
 _LEFT_COLUMNS = ("target", "outcome")
 _RIGHT_COLUMNS = ("first seen", "rank", "above", "off by")
-
-
-def written_json(folder: Path, report: str) -> Any:
-    """Return the JSON of a report as it was written."""
-    return parse_json(Folder(folder).read(report, MOST_JSON))
 
 
 def score_summary(scored: Scored) -> ScoreSummary:

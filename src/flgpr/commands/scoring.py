@@ -46,8 +46,7 @@ from flgpr.store.files import existing
 from flgpr.store.tables import parse_table, read_columns
 from flgpr.store.view_format import VIEW_SCORE
 from flgpr.toml_text import parse_toml
-
-PathLike = str | Path
+from flgpr.types import Entries, PathLike
 
 
 @dataclass(frozen=True)
@@ -195,7 +194,9 @@ def score_result(request: ScoreRequest, track: Track = silent) -> Scored:
         If another score is there and is not to be overwritten; nothing is written.
     """
     [folder] = request.lists
-    result = _read_result(folder)
+    homes = results_at(folder)
+    is_whole = homes == [folder]
+    result = read_result(folder) if is_whole else join_sections(folder, homes)
     refuse_links(request.output)
     objects = None if request.objects is None else read_table(request.objects, "objects")
     entrants = find_entrants(request.lists, request.trial.recipes)
@@ -204,12 +205,20 @@ def score_result(request: ScoreRequest, track: Track = silent) -> Scored:
 
     of_lane = score_detections(result, targets, rules.far)
     scores = of_lane
+    sections = {}
+    if not is_whole:
+        sections = {home.name: _page_address(home, request.output) for home in homes}
+    page: Entries = {"result": result, "objects": objects, "sections": sections}
     if result.recipe.score.area == "frames":
         scores = [score_by_frames(result, targets, rules.far)]
+        page = {"title": scores[0].title}
 
-    files = _result_files(request, result, scores, objects, notes, track)
+    files: dict[str, bytes | str] = {}
+    # A single item: the bar shows that the report is being drawn.
+    for _ in track(["report.html"], "drawing the report", 1):
+        files |= score_files(scores, notes, **page)
     # The viewer shows a lane in one piece, and its alarms, whatever the report is of.
-    if results_at(folder) == [folder]:
+    if is_whole:
         files[VIEW_SCORE] = view_score(result, of_lane, objects)
     request.output.mkdir(parents=True, exist_ok=True)
     # A result states the digests of its files, those of a score inside it among them.
@@ -289,7 +298,7 @@ def open_truth(
     lanes: LaneLike,
     rules: Rules,
     tables: Sequence[pd.DataFrame] = (),
-) -> tuple[pd.DataFrame, list[dict[str, Any]]]:
+) -> tuple[pd.DataFrame, list[Entries]]:
     """Open a truth for alarm lists, by its register where it has one.
 
     Parameters
@@ -341,7 +350,7 @@ def open_truth(
 
 def _open_without_register(
     request: ScoreRequest, entrants: Sequence[Entrant]
-) -> tuple[pd.DataFrame, list[dict[str, Any]]]:
+) -> tuple[pd.DataFrame, list[Entries]]:
     """Read a truth that has no register, and note the digests."""
     options = request.trial.options()
     if options:
@@ -381,38 +390,6 @@ def read_lanes(path: PathLike) -> Lane | dict[str, Lane]:
 def borders(lanes: LaneLike) -> dict[str, dict[str, float]]:
     """Return the borders of each lane, m, by name, as registers hold them."""
     return {name: dataclasses.asdict(lane) for name, lane in as_lanes(lanes).items()}
-
-
-def _read_result(folder: Path) -> Result:
-    """Read a result; the sections of a lane are joined."""
-    lane_folders = results_at(folder)
-    if lane_folders == [folder]:
-        return read_result(folder)
-    return join_sections(folder, lane_folders)
-
-
-def _result_files(
-    request: ScoreRequest,
-    result: Result,
-    scores: list[Score],
-    objects: pd.DataFrame | None,
-    notes: Mapping[str, Any],
-    track: Track,
-) -> dict[str, bytes | str]:
-    """Return the report on a scored result, on its frames alone where these are scored."""
-    [folder] = request.lists
-    sections = {}
-    if results_at(folder) != [folder]:
-        for section in results_at(folder):
-            sections[section.name] = _page_address(section, request.output)
-    page: dict[str, Any] = {"result": result, "objects": objects, "sections": sections}
-    if result.recipe.score.area == "frames":
-        page = {"title": scores[0].title}
-    files: dict[str, bytes | str] = {}
-    # A single item: the bar shows that the report is being drawn.
-    for _ in track(["report.html"], "drawing the report", 1):
-        files |= score_files(scores, notes, **page)
-    return files
 
 
 def _add_to_result(folder: Path, files: Mapping[str, bytes | str], overwrite: bool) -> None:

@@ -29,9 +29,14 @@ from flgpr.simulate.bodies.signature import (
 )
 from flgpr.simulate.preview import preview_scene
 from flgpr.store.files import naming_output
-from flgpr.store.outputs import atomic_output, locked_folder, log_finished, output_exists_error
-
-PathLike = str | Path
+from flgpr.store.outputs import (
+    atomic_output,
+    locked_folder,
+    log_finished,
+    output_exists_error,
+    write_new,
+)
+from flgpr.types import PathLike
 
 
 def ground_echo_lines(sensor: Sensor) -> list[str]:
@@ -112,8 +117,7 @@ def write_preview(scene: Scene, seed: int, path: PathLike, force: bool) -> Path:
 
     target = Path(path)
     figure = preview_figure(scene, seed, force)
-    with atomic_output(target) as partial:
-        partial.write_bytes(figure_png(figure, dpi=100))
+    write_new(target, figure_png(figure, dpi=100))
     return target
 
 

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from flgpr.commands.entrants import Entrant
+    from flgpr.commands.options import PathLike
     from flgpr.commands.score_request import ScoreRequest
 
-PathLike = str | Path
 Borders = Mapping[str, Mapping[str, float]]
 """Borders of lanes, m, by their names."""
 REGISTER_COLUMN = "book"

@@ -71,10 +71,9 @@ def comparison_html(
     str
         The page, HTML without references to other files.
     """
-    points_by_detector = {}
-    for name, table in comparison.points.groupby("detector", sort=False):
-        points_by_detector[str(name)] = table
-    names = list(dict.fromkeys(comparison.points["detector"]))
+    points = comparison.points
+    groups = {str(name): rows for name, rows in points.groupby("detector", sort=False)}
+    names = list(groups)
     unranked = [name for name in names if "ranking" in notes.get(name, {})]
     roc = None
     if curves:
@@ -82,9 +81,8 @@ def comparison_html(
         for name in curves:
             vendor = notes.get(name, {}).get("vendor", NOT_STATED)
             labels[name] = name if vendor == NOT_STATED else f"{vendor}: {name}"
-        roc = compared_roc_figure(curves, labels, comparison.points, rules["far_max"])
+        roc = compared_roc_figure(curves, labels, points, rules["far_max"])
     columns = {**_ALLOWED, "detector": "{detector}", **POINT}
-    points = comparison.points.sort_values("far_allowed", kind="stable")
     pairs = comparison.pairs
     if len(pairs):
         pairs = pairs.sort_values("far_allowed", kind="stable")
@@ -93,11 +91,11 @@ def comparison_html(
         names=names,
         unranked=unranked,
         head=list(columns),
-        points=table_rows(points, columns.values()),
+        points=table_rows(points.sort_values("far_allowed", kind="stable"), columns.values()),
         pairs=table_rows(pairs, _PAIR),
         means=None if comparison.means is None else table_rows(comparison.means, _MEAN),
         tests=len(pairs),
-        picture=points_figure(points_by_detector),
+        picture=points_figure(groups),
         roc=roc,
         rules=rules,
         notes=notes,

@@ -12,6 +12,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from flgpr.model.figure_text import show_dollar_signs
+from flgpr.types import Entries
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,7 +28,7 @@ _DOTS = (0, (1, 2))  # of chance alone
 _COMPARED_DASHES = ("-", "--", "-.", (0, (6, 1, 1, 1, 1, 1)))  # dots alone are chance
 MARKS = "osD^vP*X"
 _DODGE = 0.006  # of the axis, by which the intervals of detectors stand apart
-_NO_METADATA: dict[str, Any] = {
+_NO_METADATA: Entries = {
     "png": {"Software": None},
     "pdf": {"CreationDate": None, "Producer": None, "Creator": None},
     "svg": {"Date": None, "Creator": None},
@@ -119,7 +120,7 @@ def compared_roc_figure(
     curves: Mapping[str, pd.DataFrame],
     labels: Mapping[str, str],
     points: pd.DataFrame,
-    far_max: float = 0.1,
+    far_max: float,
     differences: pd.DataFrame | None = None,
 ) -> Figure:
     """Draw the ROC curves of several detectors over one another, with intervals of Pd.
@@ -156,15 +157,15 @@ def compared_roc_figure(
     axes = panels[0]
     step = _DODGE * end
     for number, (name, curve) in enumerate(curves.items()):
-        style: dict[str, Any] = {
+        style: Entries = {
             "color": GREY_ORDERED[number % len(GREY_ORDERED)],
             "ls": _COMPARED_DASHES[number % len(_COMPARED_DASHES)],
             "lw": 1.7,
         }
         mark = MARKS[number % len(MARKS)]
         rows = points[points["detector"] == name]
-        if _is_single_point(curve):
-            # No rate below the point says anything of this detector.
+        if len(curve) <= 2:
+            # Of no alarm and of all: no rate below that point says anything of this detector.
             rows = rows[:0]
         else:
             draw_steps(axes, curve, "pd", end, **style)
@@ -203,14 +204,6 @@ def _draw_differences(axes: Axes, differences: pd.DataFrame, names: Sequence[str
     axes.axhline(0, color="0.4", lw=0.8)
     axes.set_ylabel(f"Pd of {names[0]}\nless {names[1]}", fontsize=8)
     axes.grid(alpha=0.3)
-
-
-def _is_single_point(curve: pd.DataFrame) -> bool:
-    """Return whether a ROC table is of a list of a single operating point.
-
-    It then has two rows: no alarm, and all alarms.
-    """
-    return len(curve) <= 2
 
 
 def _end_of_axis(curves: Mapping[str, pd.DataFrame], far_max: float) -> float:

@@ -7,7 +7,6 @@ import re
 from collections.abc import Sequence
 from functools import partial
 from textwrap import fill
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -25,7 +24,7 @@ from flgpr.results.description import plausible_poses
 from flgpr.results.result import Result, thinned
 from flgpr.scoring import Score
 from flgpr.screen import select
-from flgpr.types import FloatArray
+from flgpr.types import Entries, FloatArray, floats
 
 DYNAMIC_RANGE = 30.0  # dB
 _ROWS = 2400  # a figure cannot show more
@@ -163,7 +162,7 @@ def complete_roc_figure(scored: Sequence[Score]) -> Figure:
         # A step beyond the last alarm, so that its Pd is seen.
         end = curve["far"].iloc[-1] + 1 / curve.attrs["area"]
         label = "all targets" if len(scored) == 1 else _title_of(detection)
-        style: dict[str, Any] = {"lw": 1.3, "ls": "--"} if i else {"lw": 2.2, "ls": "-"}
+        style: Entries = {"lw": 1.3, "ls": "--"} if i else {"lw": 2.2, "ls": "-"}
         draw_steps(axes, curve, "pd", end, label=_wrapped(label, 44), color=f"C{i}", **style)
         if i == 0:
             band = pd.concat([curve, curve.iloc[[-1]].assign(far=end)])
@@ -190,9 +189,7 @@ def complete_roc_figure(scored: Sequence[Score]) -> Figure:
     return figure
 
 
-def geometry_figure(
-    run: dict[str, Any], lane: Lane, looks: xr.DataArray | None, beyond: float
-) -> Figure:
+def geometry_figure(run: Entries, lane: Lane, looks: xr.DataArray | None, beyond: float) -> Figure:
     """Draw the antennas of a run in plan and from the side, and how often the ground was seen.
 
     Parameters
@@ -228,12 +225,10 @@ def geometry_figure(
     return figure
 
 
-def _draw_plan(
-    axes: Axes, run: dict[str, Any], pose: FloatArray, lane: Lane, is_stretched: bool
-) -> None:
+def _draw_plan(axes: Axes, run: Entries, pose: FloatArray, lane: Lane, is_stretched: bool) -> None:
     """Draw the lane and the antennas at the poses from above."""
-    tx = np.asarray(run["tx_m"], dtype=float)
-    rx = np.asarray(run["rx_m"], dtype=float)
+    tx = floats(run["tx_m"])
+    rx = floats(run["rx_m"])
     axes.add_patch(lane_patch(lane, fill=False, ec="white", lw=1.4, ls="-."))
     every = math.ceil(len(pose) / _POSES)
     for number, stop in enumerate(pose[::every]):

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
-from flgpr.types import Float32Array, FloatArray, IndexArray, IntArray
+from flgpr.types import FloatArray, IndexArray, IntArray
 
 _PLANES = (("x", "y"), ("x", "z"), ("y", "z"))
 _FINE_CELLS = 60  # across a picture, by which places that fill an area are told
@@ -25,6 +25,7 @@ _SLICE_RATIOS = (0.4, 2.2)  # length over width between which slices are drawn t
 # largest size of a panel, inches
 _WIDE = 7.5
 _HIGH = 6.0
+_SPAN = 40.0  # dB of the scale
 _RATIOS = (0.12, 2.5)  # height over width between which planes are drawn to scale
 _MARGIN = 0.08  # of a panel, beside whose edge a number would be cut off
 _ROWS = 600  # of the picture, about
@@ -34,9 +35,7 @@ _CLIP = 99.0  # per cent of the amplitudes that the grey scale covers
 _TICKS = 8
 
 
-def image_figure(
-    image: xr.DataArray, peaks: pd.DataFrame, pose: FloatArray, span: float = 40.0
-) -> Figure:
+def image_figure(image: xr.DataArray, peaks: pd.DataFrame, pose: FloatArray) -> Figure:
     """Draw an image in planes, each polarization in dB re its strongest pixel.
 
     An axis of one value is left out; a volume is drawn as its strongest pixels along each axis.
@@ -49,8 +48,6 @@ def image_figure(
         Peaks with ``x``, ``y``, ``z``, m, which are numbered in the first polarization's panels.
     pose : (scan, 6) ndarray of float
         Poses, which are drawn where they lie in a panel, m and rad.
-    span : float
-        Range of the scale, dB.
 
     Returns
     -------
@@ -66,8 +63,10 @@ def image_figure(
     panels = figure.subplots(len(labels), len(planes), squeeze=False)
     for number, (label, row) in enumerate(zip(labels, panels, strict=True)):
         level = np.abs(image.values[number])
+        level /= max(float(level.max()), np.finfo(float).tiny)
         for axes, plane in zip(row, planes, strict=True):
-            mesh = _draw_plane(axes, image, level, plane, span)
+            collapsed = tuple(k for k, axis in enumerate("zyx") if axis not in plane)
+            mesh = _draw_level(axes, image, level.max(axis=collapsed), plane, _SPAN, _RATIOS)
             _draw_poses(axes, pose, plane)
             axes.set(xlabel=f"{plane[0]} (m)", ylabel=f"{plane[1]} (m)")
             if number == 0:
@@ -98,15 +97,6 @@ def _image_title(image: xr.DataArray, wide_axes: Sequence[str]) -> str:
         if axis not in wide_axes:
             texts.append(f"{axis} = {image[axis].values[0]:g} m")
     return ", ".join(texts)
-
-
-def _draw_plane(
-    axes: Axes, image: xr.DataArray, level: Float32Array, plane: tuple[str, str], span: float
-) -> AxesImage:
-    """Draw the strongest pixels of a polarization's magnitude (z, y, x) in a plane."""
-    top = max(float(level.max()), np.finfo(float).tiny)
-    collapsed = tuple(k for k, axis in enumerate("zyx") if axis not in plane)
-    return _draw_level(axes, image, level.max(axis=collapsed) / top, plane, span, _RATIOS)
 
 
 def _draw_level(

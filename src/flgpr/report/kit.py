@@ -23,7 +23,7 @@ from matplotlib.patches import Rectangle
 import flgpr
 from flgpr.model import Lane
 from flgpr.model.figure_text import show_dollar_signs
-from flgpr.types import ArrayLike, FloatArray
+from flgpr.types import ArrayLike, FloatArray, floats
 
 _PACKAGE = "flgpr.report"
 
@@ -163,7 +163,7 @@ def lane_patch(lane: Lane, along: bool = False, **style: Any) -> Rectangle:
 
 def decibels(view: xr.DataArray) -> FloatArray:
     """Return a view's magnitudes in dB."""
-    return np.asarray(20 * np.log10(np.maximum(view.values, 1e-12)), dtype=float)
+    return floats(20 * np.log10(np.maximum(view.values, 1e-12)))
 
 
 def strongest(view: xr.DataArray, lane: Lane) -> float:

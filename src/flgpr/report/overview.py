@@ -38,6 +38,7 @@ _VERGE = 0.35  # of the lane's width, shown on either side
 _MOST_VERGE = 1.0  # m
 _LARGEST_MARK = 140  # points², of the surest alarm
 _SMALLEST_MARK = 12
+_MOST_ALARMS = 500  # that are drawn
 MOST_PLACES = 40
 """Places that are numbered and explained."""
 _EDGE = 0.25  # m
@@ -69,16 +70,21 @@ def score_overview(scored: Score, objects: pd.DataFrame | None = None) -> Figure
         return None
     threshold = scored.point["threshold"]
     figure, strips = _strips(lanes)
-    for number, (axes, lane) in enumerate(zip(strips, lanes.values(), strict=False)):
+    for number, axes in enumerate(strips):
         alarms = scored.labels[scored.matched.alarm_lane == number]
         targets = scored.outcomes[scored.matched.target_lane == number]
-        axes.add_patch(lane_patch(lane, along=True, fc=_ROAD, ec="#6f6552", lw=1.2, zorder=0.5))
         if objects is not None:
             for kind, group in objects.groupby("kind", sort=False):
                 marker = "s" if kind == "post" else "D"
                 label = f"{kind}, no target"
                 _draw_points(axes, group, marker, "#4a5560", 6, label, filled=True)
-        _draw_scored_alarms(axes, alarms, threshold)
+        # The mark of a target that is found stands for the alarm that hits it.
+        is_raised = alarms["confidence"] >= threshold
+        _draw_points(axes, alarms[~is_raised], ".", _WEAK, 3, "alarm too weak to count")
+        raised = alarms[is_raised]
+        _draw_points(axes, raised[raised["label"] == "false"], "x", _FALSE, 9, "false alarm")
+        outside = raised[raised["label"] == "outside"]
+        _draw_points(axes, outside, "+", _WEAK, 9, "alarm beside the lane")
         detected = targets[targets["found"]]
         missed = targets[~targets["found"]]
         _draw_points(axes, detected, "o", _FOUND, 11, f"{scored.noun} found", filled=True)
@@ -88,22 +94,7 @@ def score_overview(scored: Score, objects: pd.DataFrame | None = None) -> Figure
     return figure
 
 
-def _draw_scored_alarms(axes: Axes, alarms: pd.DataFrame, threshold: float) -> None:
-    """Draw alarms that are too weak to count, false ones, and those beside the lane.
-
-    Alarms that hit a target are not drawn: the target's mark says that it was found.
-    """
-    is_raised = alarms["confidence"] >= threshold
-    _draw_points(axes, alarms[~is_raised], ".", _WEAK, 3, "alarm too weak to count")
-    raised = alarms[is_raised]
-    _draw_points(axes, raised[raised["label"] == "false"], "x", _FALSE, 9, "false alarm")
-    outside = raised[raised["label"] == "outside"]
-    _draw_points(axes, outside, "+", _WEAK, 9, "alarm beside the lane")
-
-
-def alarm_overview(
-    lane: Lane, alarms: pd.DataFrame, border: float | None = None, most: int = 500
-) -> Figure:
+def alarm_overview(lane: Lane, alarms: pd.DataFrame, border: float | None = None) -> Figure:
     """Draw the road and the alarms: those that stand out by their number, else the surer the larger.
 
     Parameters
@@ -114,8 +105,6 @@ def alarm_overview(
         Alarms with ``x``, ``y`` (m) and ``confidence``, the most confident first.
     border : float, optional
         Confidence from which on alarms stand out; None where nobody can say.
-    most : int
-        Alarms that are drawn.
 
     Returns
     -------
@@ -124,8 +113,7 @@ def alarm_overview(
     """
     figure, strips = _strips({"": lane})
     axes = strips[0]
-    axes.add_patch(lane_patch(lane, along=True, fc=_ROAD, ec="#6f6552", lw=1.2, zorder=0.5))
-    shown = alarms[:most]
+    shown = alarms[:_MOST_ALARMS]
     if border is None:
         sizes = np.linspace(_LARGEST_MARK, _SMALLEST_MARK, len(shown))
         _draw_rings(axes, shown, sizes, _FALSE, "alarm, the surer the larger")
@@ -266,6 +254,7 @@ def _strips(lanes: Mapping[str, Lane]) -> tuple[Figure, list[Axes]]:
     strips = list(figure.subplots(len(shown), 1, squeeze=False)[:, 0])
     for axes, (name, lane) in zip(strips, shown, strict=True):
         _frame(axes, lane)
+        axes.add_patch(lane_patch(lane, along=True, fc=_ROAD, ec="#6f6552", lw=1.2, zorder=0.5))
         if name:
             axes.set_title(f"lane {name}", fontsize=9, loc="left")
     left_out = len(lanes) - len(shown)

@@ -34,6 +34,7 @@ from flgpr.results.result import Result
 from flgpr.results.score import roc_json
 from flgpr.scoring import Rules, Score, score
 from flgpr.store import write_whole
+from flgpr.types import Entries
 
 if TYPE_CHECKING:
     from flgpr.scoring.matching import LaneLike
@@ -130,8 +131,8 @@ def write_score_report(
         notes or {},
         title=title,
         worst=worst,
-        alarm_patches=alarm_patches or {},
-        target_patches=target_patches or {},
+        alarm_patches=alarm_patches,
+        target_patches=target_patches,
     )
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -213,7 +214,7 @@ def report_html(
     str
         The page, HTML without references to other files but the pages of sections.
     """
-    values: dict[str, Any] = {
+    values: Entries = {
         "result": result,
         "scored": scored,
         "title": title,
@@ -226,7 +227,7 @@ def report_html(
     if result is not None:
         truth = scored[0].matched.truth if scored else None
         values |= _result_values(result, truth, objects)
-        alarms = result.detections[0].alarms
+        alarms = result.alarms
         if not scored:
             values["standing"] = places_that_stand_out(result)
             border = values["run"].get("stands_out", {}).get("border")
@@ -254,7 +255,7 @@ def report_html(
 
 def _result_values(
     result: Result, truth: pd.DataFrame | None, objects: pd.DataFrame | None
-) -> dict[str, Any]:
+) -> Entries:
     """Return the template's values for a result: its run and figures."""
     main, *variants = result.detections
     run = result.manifest["run"]
@@ -285,7 +286,7 @@ def _score_values(
     worst: int,
     alarm_patches: Mapping[Any, ArrayLike],
     target_patches: Mapping[Any, ArrayLike],
-) -> dict[str, Any]:
+) -> Entries:
     """Return the template's values for what became of targets and alarms."""
     main = scored[0]
     missed = main.missed()
@@ -328,7 +329,7 @@ def _cells(cells: Sequence[str], has_targets: bool) -> list[str]:
     ]
 
 
-def _roc_figures(main: Score) -> dict[str, Any]:
+def _roc_figures(main: Score) -> Entries:
     """Return the curves of all targets with their band, and of the subsets by kind and by depth."""
     far_max = main.rules.far_max
     if not len(main.matched.truth):

@@ -14,7 +14,7 @@ from flgpr.model import POSE_COMPONENTS, complete_scans
 from flgpr.model.motion import judge_run
 from flgpr.model.plausible import MotionLimits
 from flgpr.store import read_manifest
-from flgpr.types import FloatArray, PathLike, floats
+from flgpr.types import Entries, FloatArray, PathLike, floats
 
 _COPIED_ATTRIBUTES = ("soil", "georeference")
 _ROWS = {"pose": len(POSE_COMPONENTS), "tx_m": 3, "rx_m": 3, "frequency_hz": 2}
@@ -51,7 +51,7 @@ _RULES: dict[str, Callable[[Any], bool]] = {
     "a list of findings": lambda value: isinstance(value, list) and all(map(_is_finding, value)),
 }
 """What an entry of a manifest may have to be, in words and as a check."""
-_EMPTY: dict[str, Any] = {"text": "", "a count": 0, "a table": {}, "a number or null": None}
+_EMPTY: Entries = {"text": "", "a count": 0, "a table": {}, "a number or null": None}
 """What a missing entry stands for; a list where none is named."""
 _ORIGIN = {
     "text": ("flgpr", "python", "recipe_sha256", "identity"),
@@ -82,7 +82,7 @@ _RUN = {
 
 def describe_run(
     run: xr.Dataset, path: PathLike | None = None, limits: MotionLimits | None = None
-) -> dict[str, Any]:
+) -> Entries:
     """Return the description of a run for a manifest.
 
     Parameters
@@ -103,7 +103,7 @@ def describe_run(
     frequency = run["frequency"].values
     incomplete = np.flatnonzero(~complete_scans(run))
     default_title = Path(path).stem if path else "run"
-    description: dict[str, Any] = {
+    description: Entries = {
         "title": str(run.attrs.get("title", default_title)),
         "source": str(run.attrs.get("source", "")),
         "scans": int(run.sizes["scan"]),
@@ -184,8 +184,8 @@ def described_store(description: Any) -> tuple[str, str]:
     ValueError
         If it does not tell them as text: the run was in memory, or the manifest is forged.
     """
-    path = description.get("path") if isinstance(description, dict) else None
-    digest = description.get("store_sha256") if isinstance(description, dict) else None
+    stated = description if isinstance(description, dict) else {}
+    path, digest = stated.get("path"), stated.get("store_sha256")
     if not isinstance(path, str) or not isinstance(digest, str):
         raise ValueError(
             "the manifest of the result must name the store of its run by path and digest, got "

@@ -19,12 +19,10 @@ from flgpr.method.detection import MAIN, Detection
 from flgpr.model.constants import IMAGE_ATTRS
 from flgpr.model.run import described
 from flgpr.results.manifest import ResultError
-from flgpr.store import sha256
-from flgpr.store.files import write_whole
+from flgpr.store import sha256, write_geojson, write_table, write_whole
 from flgpr.store.notes import log_note
 from flgpr.store.tables import parse_columns, parse_own_table
-from flgpr.store.writing import write_geojson, write_table
-from flgpr.types import FloatArray
+from flgpr.types import Entries, FloatArray
 
 if TYPE_CHECKING:
     from flgpr.geo import Anchor
@@ -38,7 +36,7 @@ def write_detection(folder: Path, detection: Detection, reference: Any, recipe_t
     """Write the tables and the run-view of one detection, and its recipe where it is not the result's own."""
     write_table(detection.alarms, folder / "alarms.csv")
     _write_points(detection.alarms, folder, reference, sha256(recipe_text.encode()))
-    arrays: dict[str, Any] = {}
+    arrays: Entries = {}
     for name in ("y", "x", "looks"):
         arrays[name] = np.asarray(detection.view[name].values)
     for name in ("polarization", "subband"):
@@ -170,7 +168,8 @@ def parse_view(data: bytes) -> xr.DataArray:
     """
     arrays = Archive(io.BytesIO(data))
     shapes = {name: member.shape for name, member in arrays.members.items()}
-    axes = [shapes[name] for name in ("polarization", "subband", "y", "x")]
+    dims = ("polarization", "subband", "y", "x")
+    axes = [shapes[name] for name in dims]
     if any(len(axis) != 1 for axis in axes):
         raise ValueError(f"polarization, subband, y and x must be lists, got the shapes {axes}")
     sizes = tuple(axis[0] for axis in axes)
@@ -182,14 +181,13 @@ def parse_view(data: bytes) -> xr.DataArray:
     for name in ("polarization", "subband"):
         labels[name] = [str(label) for label in arrays[name]]
     coords = {**labels, "y": arrays["y"], "x": arrays["x"], "looks": (("y", "x"), arrays["looks"])}
-    dims = ("polarization", "subband", "y", "x")
     view = xr.DataArray(arrays["magnitude"], dims=dims, coords=coords, name="run_view")
     return described(view, IMAGE_ATTRS)
 
 
 def _frames_bytes(alarms: pd.DataFrame, poses: Mapping[int, FloatArray]) -> bytes:
     """Return the alarms of every frame and the poses of all frames that were searched, as NPZ."""
-    arrays: dict[str, Any] = {str(name): alarms[name].to_numpy() for name in _FRAME_COLUMNS}
+    arrays: Entries = {str(name): alarms[name].to_numpy() for name in _FRAME_COLUMNS}
     arrays |= {
         "frames": np.array(list(poses), dtype=np.int64),
         "poses": np.array(list(poses.values())).reshape(-1, 6),

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from flgpr.door import MOST_CHECKED, DoorError, Folder, Version
 from flgpr.json_text import check_format
 from flgpr.results.description import check_description, check_origin
 from flgpr.store import canonical_json, json_with_digest, sha256
 from flgpr.store.files import read_with_digest, taken_for
+from flgpr.types import Entries, PathLike
 
 
 class ResultError(ValueError):
@@ -26,7 +26,7 @@ MANIFEST = "manifest.json"
 Added = Mapping[str, list[Version]]
 
 
-def sealed_manifest(content: dict[str, Any], added: Added) -> bytes:
+def sealed_manifest(content: Entries, added: Added) -> bytes:
     """Return the sealed content with its identity and the versions of files that were added."""
     digests = {}
     sizes = {}
@@ -39,7 +39,7 @@ def sealed_manifest(content: dict[str, Any], added: Added) -> bytes:
     )
 
 
-def read_result_manifest(folder: str | Path) -> dict[str, Any]:
+def read_result_manifest(folder: PathLike) -> Entries:
     """Read the manifest of a result folder and no other file.
 
     Its ``identity`` does not change when files are added.
@@ -85,7 +85,7 @@ def reading(folder: Path, name: str, kind: str = "result folder") -> Iterator[No
         raise ResultError(f"{folder}: {name} is altered: {error}") from None
 
 
-def listing(folder: Path, names: Iterable[str]) -> dict[str, dict[str, Any]]:
+def listing(folder: Path, names: Iterable[str]) -> dict[str, Entries]:
     """Return digests and sizes of files that were just written, as manifests hold them."""
     written = Folder(folder)
     digests = {}

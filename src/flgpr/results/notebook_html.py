@@ -58,8 +58,7 @@ def outcomes_html(sentence: str, outcomes: pd.DataFrame, main: Detection, lane: 
     axes.plot(missed["x"], missed["y"], "x", mec="tab:orange", ms=11, mew=2, label="missed")
     figure.legend(loc="outside lower center", ncols=3, fontsize="small", markerscale=0.6)
     picture = picture_html(figure, "run-view with alarms and targets")
-    table = table_html(_target_rows(outcomes))
-    return f"<p>{html.escape(sentence)}</p>{side_by_side_html(picture, table)}"
+    return _told(sentence, picture, outcomes)
 
 
 def curve_html(sentence: str, outcomes: pd.DataFrame, curve: pd.DataFrame) -> str:
@@ -75,12 +74,14 @@ def curve_html(sentence: str, outcomes: pd.DataFrame, curve: pd.DataFrame) -> st
     axes.set(xlabel="false alarms per m²", ylabel="Pd", ylim=(0, 1.02))
     axes.set_xlim(left=0)
     picture = picture_html(figure, "ROC curve")
-    table = table_html(_target_rows(outcomes))
-    return f"<p>{html.escape(sentence)}</p>{side_by_side_html(picture, table)}"
+    return _told(sentence, picture, outcomes)
 
 
-def _target_rows(outcomes: pd.DataFrame) -> pd.DataFrame:
-    """Return what became of each target, with columns that can be read without a manual."""
+def _told(sentence: str, picture: str, outcomes: pd.DataFrame) -> str:
+    """Return a sentence above a picture and what became of each target.
+
+    Columns of the table can be read without a manual.
+    """
     rows = outcomes[["target_id", "kind", "depth"]].rename(
         columns={"target_id": "target", "depth": "depth (m)"}
     )
@@ -88,7 +89,7 @@ def _target_rows(outcomes: pd.DataFrame) -> pd.DataFrame:
     # Of a target that no alarm lies near there is nothing to count.
     rows["false alarms above"] = outcomes["n_false"].where(outcomes["detected"])
     rows["off by (m)"] = outcomes["distance"]
-    return rows
+    return f"<p>{html.escape(sentence)}</p>{side_by_side_html(picture, table_html(rows))}"
 
 
 def picture_html(figure: Figure, text: str) -> str:

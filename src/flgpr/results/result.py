@@ -40,9 +40,9 @@ from flgpr.results.manifest import (
 )
 from flgpr.results.sections import SECTIONS, read_sections, sections_at
 from flgpr.results.view_files import plain_json, write_view
-from flgpr.store import sha256
-from flgpr.store.files import check_free_folder, write_whole
+from flgpr.store import check_free_folder, sha256, write_whole
 from flgpr.store.outputs import atomic_output, locked_folder
+from flgpr.types import Entries, PathLike
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,7 +58,7 @@ class Result:
     """The content of a result folder."""
 
     folder: Path
-    manifest: dict[str, Any]  #: version, run, recipe and digests
+    manifest: Entries  #: version, run, recipe and digests
     recipe: Recipe
     lane: Lane  #: ground that was searched
     detections: list[Detection]  #: that of its recipe first, then those of recipes beside it
@@ -100,18 +100,17 @@ class Result:
         return detection_html(self.detections[0], self.lane, self.manifest["run"]["title"])
 
     def __repr__(self) -> str:
-        alarms = len(self.detections[0].alarms)
-        return f"result of {self.recipe.name}: {alarms} alarms, in {self.folder}"
+        return f"result of {self.recipe.name}: {len(self.alarms)} alarms, in {self.folder}"
 
 
 def write_result(
-    folder: str | Path,
+    folder: PathLike,
     detections: list[Detection],
     recipe_text: str,
     lane: Lane,
-    run: dict[str, Any],
+    run: Entries,
     model: Model | Detector | None = None,
-    section: dict[str, Any] | None = None,
+    section: Entries | None = None,
 ) -> Path:
     """Write a result folder completely or not at all, and return it.
 
@@ -139,59 +138,46 @@ def write_result(
     """
     folder = check_free(folder)
     folder.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_output(folder, replace=True) as partial:
-        _write_files(partial, detections, recipe_text, lane, run, model, section)
-    return folder
-
-
-def _write_files(
-    root: Path,
-    detections: list[Detection],
-    recipe_text: str,
-    lane: Lane,
-    run: dict[str, Any],
-    model: Model | Detector | None,
-    section: dict[str, Any] | None,
-) -> None:
-    """Write all files of a result, its manifest last."""
-    root.mkdir()
-    for detection in detections:
-        folder = root if detection.name == MAIN else root / "variants" / detection.name
-        folder.mkdir(parents=True, exist_ok=True)
-        write_detection(folder, detection, run.get("georeference"), recipe_text)
     learnt = as_model(model)
     border = None
     if learnt.detector is not None and not run.get("unlike", {}).get("substitute"):
         border = learnt.detector.border
-    write_view(root, detections, lane, run, parse_recipe(recipe_text), border)
-    write_whole(root / "recipe.toml", recipe_text)
-    if learnt.detector is not None or learnt.stages:
-        save_model(learnt, root / MODEL)
-    entries = []
-    for detection in detections:
-        entries.append({"name": detection.name, "title": detection.title, "notes": detection.notes})
-    paths = [path for path in sorted(root.rglob("*")) if path.is_file()]
-    names = [path.relative_to(root).as_posix() for path in paths]
-    content = plain_json(
-        {
-            "format": FORMAT,
-            "version": VERSION,
-            "flgpr": flgpr.__version__,
-            "python": platform.python_version(),
-            "libraries": {name: version(name) for name in _LIBRARIES},
-            "recipe_sha256": sha256(recipe_text.encode()),
-            "lane": asdict(lane),
-            "run": run,
-            "detections": entries,
-            **listing(root, names),
-        }
-    )
-    if section is not None:
-        content["section"] = section
-    write_whole(root / MANIFEST, sealed_manifest(content, {}))
+    with atomic_output(folder, replace=True) as root:
+        root.mkdir()
+        entries = []
+        for detection in detections:
+            home = root if detection.name == MAIN else root / "variants" / detection.name
+            home.mkdir(parents=True, exist_ok=True)
+            write_detection(home, detection, run.get("georeference"), recipe_text)
+            entry = {"name": detection.name, "title": detection.title, "notes": detection.notes}
+            entries.append(entry)
+        write_view(root, detections, lane, run, parse_recipe(recipe_text), border)
+        write_whole(root / "recipe.toml", recipe_text)
+        if learnt.detector is not None or learnt.stages:
+            save_model(learnt, root / MODEL)
+        paths = [path for path in sorted(root.rglob("*")) if path.is_file()]
+        names = [path.relative_to(root).as_posix() for path in paths]
+        content = plain_json(
+            {
+                "format": FORMAT,
+                "version": VERSION,
+                "flgpr": flgpr.__version__,
+                "python": platform.python_version(),
+                "libraries": {name: version(name) for name in _LIBRARIES},
+                "recipe_sha256": sha256(recipe_text.encode()),
+                "lane": asdict(lane),
+                "run": run,
+                "detections": entries,
+                **listing(root, names),
+            }
+        )
+        if section is not None:
+            content["section"] = section
+        write_whole(root / MANIFEST, sealed_manifest(content, {}))  # last: now all is there
+    return folder
 
 
-def check_free(folder: str | Path) -> Path:
+def check_free(folder: PathLike) -> Path:
     """Return the folder if a result may be written there.
 
     Raises
@@ -202,7 +188,7 @@ def check_free(folder: str | Path) -> Path:
     return check_free_folder(folder, (MANIFEST, SECTIONS), "result")
 
 
-def add_files(folder: str | Path, files: Mapping[str, bytes | str]) -> None:
+def add_files(folder: PathLike, files: Mapping[str, bytes | str]) -> None:
     """Add pages and scores to a result, or replace some.
 
     The result can be read at any moment, also after an interruption: the manifest first allows the
@@ -248,7 +234,7 @@ def add_files(folder: str | Path, files: Mapping[str, bytes | str]) -> None:
         write_whole(folder / MANIFEST, sealed_manifest(content, {**before, **after}))
 
 
-def are_settled(folder: str | Path) -> bool:
+def are_settled(folder: PathLike) -> bool:
     """Return whether every file that was added to a result was written completely."""
     added = read_result_manifest(folder)["added"]
     return all(len(digests) == 1 for digests in added.values())
@@ -306,7 +292,7 @@ def join_sections(folder: Path, homes: Sequence[Path], most: int = 2400) -> Resu
     return replace(first, folder=folder, lane=sections.lane(), detections=[joined])
 
 
-def read_lane_result(folder: str | Path) -> Result:
+def read_lane_result(folder: PathLike) -> Result:
     """Read the result of a lane; of one that was taken in sections they are joined."""
     sections = sections_at(folder)
     if sections is None:
@@ -368,7 +354,7 @@ class Survey(Sequence[Result]):
     def __iter__(self) -> Iterator[Result]:
         return (read_lane_result(folder) for folder in self.folders)
 
-    def lanes(self) -> list[dict[str, Any]]:
+    def lanes(self) -> list[Entries]:
         """Return a row for each lane: run, counts of scans and alarms, searched area (m²)."""
         return list(Folder(self.folder).json(SURVEY))
 

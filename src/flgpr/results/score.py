@@ -33,7 +33,7 @@ from flgpr.scoring import (
 )
 from flgpr.scoring.curve import held_pd_mean
 from flgpr.store.view_format import VIEW_SCORE, sealed_view_score, view_score_body
-from flgpr.types import BoolArray, FloatArray, floats
+from flgpr.types import BoolArray, Entries, FloatArray, floats
 
 ROC_FORMAT = "flgpr-score"
 ROC_VERSION = 1
@@ -118,7 +118,7 @@ def score_by_frames(result: Result, truth: pd.DataFrame, far: float = Rules.far)
     )
 
 
-def expected_shift(truth: pd.DataFrame, run: dict[str, Any]) -> FloatArray:
+def expected_shift(truth: pd.DataFrame, run: Entries) -> FloatArray:
     """Estimate how far beyond each buried target its image lies when it is focused on the surface.
 
     Scoring does not correct for it. See :func:`flgpr.scoring.refraction_shift`.
@@ -139,9 +139,7 @@ def expected_shift(truth: pd.DataFrame, run: dict[str, Any]) -> FloatArray:
     permittivity = soil.get("permittivity") if isinstance(soil, dict) else None
     if not isinstance(permittivity, (int, float)) or isinstance(permittivity, bool):
         return np.full(len(truth), np.nan)
-    x = truth["x"].to_numpy(dtype=float)
-    y = truth["y"].to_numpy(dtype=float)
-    depth = truth["depth"].to_numpy(dtype=float)
+    x, y, depth = (floats(truth[name]) for name in ("x", "y", "depth"))
     shifts = []
     for pose in plausible_poses(run):
         distance = np.hypot(x - pose[0], y - pose[1])
@@ -217,8 +215,8 @@ def view_score(
         {
             "result_sha256": result.manifest["identity"],
             "halo": scored[0].rules.halo,
-            "truth": _columns(truth),
-            "objects": None if objects is None else _columns(objects),
+            "truth": truth.to_dict("list"),
+            "objects": None if objects is None else objects.to_dict("list"),
             "kinds": sorted({str(kind) for kind in truth["kind"]}),
             "depths": [label for label, _ in classes],
             "target_depth": depth_labels(truth, classes),
@@ -269,7 +267,7 @@ def depth_class_bounds(truth: pd.DataFrame) -> list[tuple[str, tuple[float, floa
     Each depth by itself while they are few, else quarters. A class is its label and its least and
     largest depth, m.
     """
-    depths = np.unique(truth["depth"].dropna().to_numpy(dtype=np.float64).round(4))
+    depths = np.unique(floats(truth["depth"].dropna()).round(4))
     classes = []
     if len(depths) <= _MOST_DEPTHS:
         for depth in depths:
@@ -292,7 +290,7 @@ def depth_labels(
 ) -> list[str | None]:
     """Return the label of each target's depth class; None where the depth is unknown."""
     labels = []
-    for depth in truth["depth"].to_numpy(dtype=np.float64):
+    for depth in floats(truth["depth"]):
         fitting = [label for label, (low, high) in classes if low <= depth <= high]
         labels.append(fitting[0] if fitting else None)
     return labels
@@ -303,7 +301,7 @@ def _centimetres(depth: float) -> str:
     return f"{100 * depth:.3g}"
 
 
-def _view_entry(scored: Score, classes: list[tuple[str, tuple[float, float]]]) -> dict[str, Any]:
+def _view_entry(scored: Score, classes: list[tuple[str, tuple[float, float]]]) -> Entries:
     """Return what the viewer shows of a detection's score: a curve per kind and depth class."""
     truth = scored.matched.truth
     kinds: list[str | None] = [None, *sorted({str(kind) for kind in truth["kind"]})]
@@ -320,7 +318,7 @@ def _view_entry(scored: Score, classes: list[tuple[str, tuple[float, float]]]) -
         if chosen.any() or not len(truth):
             curves.append({"kind": kind, "depth": depth, **_curve(scored, chosen)})
     curve = scored.curve
-    point: dict[str, Any] = {
+    point: Entries = {
         "row": int(operating_row(curve, scored.far)),
         "few_halos": scored.few_halos,
         "far_asked": scored.rules.far,
@@ -330,7 +328,7 @@ def _view_entry(scored: Score, classes: list[tuple[str, tuple[float, float]]]) -
         "label": scored.labels["label"].tolist(),
         "target": scored.labels["target"].tolist(),
         "distance": scored.labels["distance"].tolist(),
-        "outcomes": _columns(scored.outcomes),
+        "outcomes": scored.outcomes.to_dict("list"),
         "shared": {
             "area": float(curve.iloc[-1]["area"]),
             "level": curve.attrs["level"],
@@ -342,7 +340,7 @@ def _view_entry(scored: Score, classes: list[tuple[str, tuple[float, float]]]) -
     }
 
 
-def _curve(scored: Score, chosen: BoolArray) -> dict[str, Any]:
+def _curve(scored: Score, chosen: BoolArray) -> Entries:
     """Return the curve of the chosen targets."""
     curve = scored.curve_of(chosen if len(chosen) else None)
     return {
@@ -358,8 +356,3 @@ def _rounded(curve: pd.DataFrame, names: tuple[str, ...]) -> dict[str, list[floa
     for name in names:
         rounded[name] = [float(f"{value:.5g}") for value in curve[name]]
     return rounded
-
-
-def _columns(table: pd.DataFrame) -> dict[str, list[Any]]:
-    """Return a table as lists by column."""
-    return {str(name): table[name].tolist() for name in table.columns}

@@ -27,7 +27,7 @@ from flgpr.recipe.schema import Recipe, parse_recipe
 from flgpr.results.description import left_out_scans
 from flgpr.store import write_whole
 from flgpr.store.view_format import VIEW_FORMAT, VIEW_VERSION, check_view_index
-from flgpr.types import FloatArray
+from flgpr.types import Entries, FloatArray, floats
 
 TILE_ROWS = 512
 EARLIER = "earlier"
@@ -86,7 +86,7 @@ def write_view(
             raise ValueError(
                 f"run-views must share one grid, got another in {name!r}: {_grid(view)} and {grid}"
             )
-    layers: list[dict[str, Any]] = []
+    layers: list[Entries] = []
     for name, stage, view in views:
         layers.extend(_write_layers(view_folder, name, stage, view))
     entries = []
@@ -96,7 +96,7 @@ def write_view(
     if not channel:
         last_view = views[-1][2]
         channel = (last_view["polarization"].values[0], last_view["subband"].values[0])
-    pose = np.asarray(run.get("pose", np.zeros((0, 6))), dtype=np.float64).reshape(-1, 6)
+    pose = floats(run.get("pose", np.zeros((0, 6)))).reshape(-1, 6)
     columns: dict[str, list[Any]] = {}
     for i, name in enumerate(("x", "y", "z", "heading")):
         columns[name] = np.round(pose[:, i], 4).tolist()
@@ -196,7 +196,7 @@ def pyramid(level: NDArray[np.float16]) -> Iterable[NDArray[np.float16]]:
 
 def _write_layers(
     folder: Path, detection: str, stage: str, view: xr.DataArray
-) -> Iterable[dict[str, Any]]:
+) -> Iterable[Entries]:
     """Write every channel of a run-view at every level; yield their entries of the index."""
     for p, polarization in enumerate(view["polarization"].values):
         for s, subband in enumerate(view["subband"].values):
@@ -220,7 +220,7 @@ def _write_layers(
             }
 
 
-def _write_detection(folder: Path, detection: Detection) -> dict[str, Any]:
+def _write_detection(folder: Path, detection: Detection) -> Entries:
     """Write what explains a detection's alarms; return its entry of the index."""
     alarms = detection.alarms.reset_index(drop=True)
     features = detection.features
@@ -229,13 +229,12 @@ def _write_detection(folder: Path, detection: Detection) -> dict[str, Any]:
         features = alarms[other_columns].select_dtypes("number")
     contributions = detection.contributions
     training = detection.training
-    entry: dict[str, Any] = {
+    own_columns = [name for name in alarms.columns if name in _ALARM_COLUMNS]
+    entry: Entries = {
         "name": detection.name,
         "title": detection.title,
         "notes": detection.notes,
-        "alarms": {
-            str(name): alarms[name].tolist() for name in alarms.columns if name in _ALARM_COLUMNS
-        },
+        "alarms": alarms[own_columns].to_dict("list"),
         "features": _columns(features),
         "contributions": None if contributions is None else _columns(contributions),
         "training": None if training is None else _distribution(training),
@@ -259,23 +258,20 @@ def _rounded(value: float) -> float:
     return float(f"{value:.6g}") if np.isfinite(value) else float("nan")
 
 
-def _distribution(training: pd.DataFrame) -> list[dict[str, Any]]:
+def _distribution(training: pd.DataFrame) -> list[Entries]:
     """Return the quantiles of every feature, per value of ``label`` if there is such a column."""
     groups = training.groupby("label") if "label" in training.columns else [("training", training)]
     shares = [0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0]
     entries = []
     for label, group in groups:
-        quantiles = {}
-        for name in group.select_dtypes("number").columns:
-            values = group[name].dropna().quantile(shares)
-            quantiles[str(name)] = [_rounded(value) for value in values]
+        quantiles = _columns(group.select_dtypes("number").quantile(shares))
         entries.append(
             {"label": str(label), "count": len(group), "shares": shares, "quantiles": quantiles}
         )
     return entries
 
 
-def _write_evidence(folder: Path, name: str, evidence: Evidence) -> dict[str, Any]:
+def _write_evidence(folder: Path, name: str, evidence: Evidence) -> Entries:
     """Write the images that explain the alarms, one after the other; return their entry."""
     file = f"evidence/{name}.f16"
     data = [block.astype("<f2").tobytes() for block in evidence.blocks]

@@ -14,8 +14,9 @@ from scipy import special
 
 from flgpr.model import Lane
 from flgpr.scoring.area import union_area
+from flgpr.scoring.curve import check_level
 from flgpr.scoring.lane_roc import AreaRule, far_area
-from flgpr.scoring.matching import Match, Subset, select_targets
+from flgpr.scoring.matching import Match, Subset, positions, select_targets
 from flgpr.types import ArrayLike, FloatArray, IntArray, floats
 
 
@@ -36,8 +37,8 @@ class ResamplingDesign:
     block_lane: IntArray  #: (block,) lane of every block
     #: (block,) area of every block outside the halos, m², in proportion to ``area``
     block_area: FloatArray
-    #: first block, start (m) and length (m) of the blocks of each lane
-    block_y: tuple[tuple[int, float, float], ...]
+    #: first block, start (m), length (m) and number of the blocks of each lane
+    block_y: tuple[tuple[int, float, float, int], ...]
     area: float  #: area that the FAR of the whole list refers to, m²
 
     def draw(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
@@ -134,8 +135,7 @@ def band(
     grid = np.atleast_1d(floats(rates))
     if grid.ndim != 1 or not (grid >= 0).all():
         raise ValueError(f"far must be rates of at least 0, got {grid}")
-    if not 0 < level < 1:
-        raise ValueError(f"level must lie between 0 and 1, got {level}")
+    check_level(level)
     design = make_design(
         matched, subset, block=block, cluster=cluster, area=area, frame_area=frame_area
     )
@@ -146,7 +146,10 @@ def band(
     curves = np.array([scores.pd_at(grid, *weights) for weights in draws_of(design, draws, seed)])
 
     resampled = curves.std(axis=0, ddof=1)
-    spread = np.maximum(resampled, _binomial_deviation(centre, design.clusters))
+    # Two successes and two failures are added.
+    shrunk = (centre * design.clusters + 2) / (design.clusters + 4)
+    binomial = np.sqrt(shrunk * (1 - shrunk) / (design.clusters + 4))
+    spread = np.maximum(resampled, binomial)
     largest_deviation = (np.abs(curves - centre) / spread).max(axis=1)
     of_level = float(np.quantile(largest_deviation, level))
     of_normal = float(special.ndtri((1 + level) / 2))
@@ -166,12 +169,6 @@ def band(
         "factor": factor,
     }
     return result
-
-
-def _binomial_deviation(detection: FloatArray, mines: int) -> FloatArray:
-    """Return the standard deviation of Pd with two successes and two failures added."""
-    shrunk = (detection * mines + 2) / (mines + 4)
-    return np.asarray(np.sqrt(shrunk * (1 - shrunk) / (mines + 4)))
 
 
 def pd_mean_interval(
@@ -237,8 +234,7 @@ def tails(level: float, clusters: int) -> tuple[float, float]:
     lower, upper : float
         Probabilities.
     """
-    if not 0 < level < 1:
-        raise ValueError(f"level must lie between 0 and 1, got {level}")
+    check_level(level)
     if clusters < 2:
         return 0.0, 1.0
     student = special.stdtrit(clusters - 1, (1 + level) / 2)
@@ -272,13 +268,13 @@ def make_design(
             f"cluster must name a mine in every row, got {unnamed} rows without {cluster}"
         )
 
-    block_y: list[tuple[int, float, float]] = []
+    block_y: list[tuple[int, float, float, int]] = []
     block_area: list[float] = []
     block_lane: list[int] = []
     for number, lane in enumerate(matched.lanes.values()):
         length = lane.y_max - lane.y_min
         blocks = max(1, round(length / block))
-        block_y.append((len(block_area), lane.y_min, length / blocks))
+        block_y.append((len(block_area), lane.y_min, length / blocks, blocks))
         block_area += _open_areas(matched, number, lane, blocks)
         block_lane += [number] * blocks
     # Rounding may leave a little less than nothing. By the area rule of the FAR the blocks together
@@ -298,8 +294,7 @@ def make_design(
 
 def _open_areas(matched: Match, number: int, lane: Lane, blocks: int) -> list[float]:
     """Compute the area outside the halos, m², of each of the equal blocks of a lane."""
-    points = matched.truth[["x", "y"]].to_numpy()
-    targets = points[matched.target_lane == number]
+    targets = positions(matched.truth)[matched.target_lane == number]
     edges = np.linspace(lane.y_min, lane.y_max, blocks + 1)
     areas = []
     for low, high in pairwise(edges):
@@ -318,18 +313,13 @@ def make_scores(matched: Match, design: ResamplingDesign, subset: Subset = None)
     false = matched.confidence[row]
     lane = matched.alarm_lane[row]
     y = matched.alarms["y"].to_numpy()[row]
-    first, start, length = (np.array(column)[lane] for column in zip(*design.block_y, strict=True))
-    block = first + np.floor((y - start) / length).astype(np.int64)
+    first, start, length, blocks = (
+        np.array(column)[lane] for column in zip(*design.block_y, strict=True)
+    )
     # A false alarm at the far border of its lane belongs to the last block.
-    block = np.minimum(block, _last_block(design, lane))
+    block = first + np.minimum(np.floor((y - start) / length), blocks - 1)
     above = np.searchsorted(-false, -target, side="right")
     return Scores(target, false, block.astype(np.int64), above.astype(np.int64))
-
-
-def _last_block(design: ResamplingDesign, lane: IntArray) -> IntArray:
-    """Return the last block of each of the lanes."""
-    ends = [first for first, _, _ in design.block_y[1:]] + [len(design.block_lane)]
-    return np.asarray(np.array(ends)[lane] - 1, dtype=np.int64)
 
 
 def draws_of(

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from flgpr.model import Lane
 from flgpr.scoring.curve import count_at
-from flgpr.scoring.matching import Match, Subset, pairs_within, select_targets
+from flgpr.scoring.matching import Match, Subset, pairs_within, positions, select_targets
 from flgpr.types import ArrayLike, FloatArray, IntArray, floats
 
 SHIFTS = 200
@@ -131,8 +131,8 @@ def chance(matched: Match, shifts: int = SHIFTS, seed: int = 0) -> Chance:
     # Each shift as a share of the lane's length.
     shares = (np.arange(shifts) + np.random.default_rng(seed).random(shifts)) / shifts
     best = np.full((len(matched.truth), shifts), np.nan)
-    targets = matched.truth[["x", "y"]].to_numpy(dtype=float)
-    alarms = matched.alarms[["x", "y"]].to_numpy(dtype=float)
+    targets = positions(matched.truth)
+    alarms = positions(matched.alarms)
     for number, lane in enumerate(matched.lanes.values()):
         in_lane = np.flatnonzero(matched.target_lane == number)
         free = np.flatnonzero((matched.alarm_lane == number) & ~matched.in_halo)

@@ -6,14 +6,12 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import scipy  # its subpackages are imported when they are used
 
 from flgpr.scoring.bootstrap import (
-    ResamplingDesign,
     Scores,
     draws_of,
     make_design,
@@ -24,9 +22,9 @@ from flgpr.scoring.bootstrap import (
 from flgpr.scoring.chance_level import chance
 from flgpr.scoring.curve import clopper_pearson, count_at, operating_row, pd_mean_by_chance
 from flgpr.scoring.lane_roc import AreaRule, far_area, roc_of
-from flgpr.scoring.lane_score import Rules
+from flgpr.scoring.lane_score import Rules, curve_by
 from flgpr.scoring.matching import Match, Subset, select_targets
-from flgpr.types import ArrayLike, BoolArray, FloatArray, floats
+from flgpr.types import ArrayLike, Entries, FloatArray, floats
 
 _ENUMERATED = 20  # signs; a million sums
 _FLIPS = 100_000
@@ -158,9 +156,12 @@ def compare(
     by_mine = np.bincount(design.target_cluster, weights=share_a - share_b)
     p_value, enumerated = sign_flip_test(by_mine, seed)
 
-    found_a = _is_found(scores_a, far, design.area)
-    found_b = _is_found(scores_b, far, design.area)
-    only_a, only_b = _found_by_one(found_a, found_b, design)
+    # Looks at one mine are no independent trials: a mine counts once, for the detector that finds
+    # it more often.
+    lead = _is_found(scores_a, far, design.area) - _is_found(scores_b, far, design.area)
+    lead_of_mine = np.bincount(design.target_cluster, weights=lead)
+    only_a = int((lead_of_mine > 0).sum())
+    only_b = int((lead_of_mine < 0).sum())
 
     by_chance = []
     for matched in (first, second):
@@ -186,22 +187,9 @@ def compare(
     )
 
 
-def _found_by_one(
-    found_a: BoolArray, found_b: BoolArray, design: ResamplingDesign
-) -> tuple[int, int]:
-    """Return how many mines detector A alone finds, and how many detector B alone.
-
-    Looks at one mine are no independent trials: a mine counts once, for the detector that finds it
-    more often.
-    """
-    difference = found_a.astype(float) - found_b.astype(float)
-    lead = np.bincount(design.target_cluster, weights=difference)
-    return int((lead > 0).sum()), int((lead < 0).sum())
-
-
-def _is_found(scores: Scores, far: float, area: float) -> BoolArray:
-    """Return whether each target is found at an allowed false alarm rate, per m²."""
-    return ~np.isneginf(scores.target) & (scores.above / area <= far)
+def _is_found(scores: Scores, far: float, area: float) -> FloatArray:
+    """Return 1 for each target that is found at an allowed false alarm rate, per m², else 0."""
+    return floats(~np.isneginf(scores.target) & (scores.above / area <= far))
 
 
 def sign_flip_test(differences: ArrayLike, seed: int = 0) -> tuple[float, bool]:
@@ -356,7 +344,8 @@ def side_by_side(
     points = []
     intervals = {}
     for name, matched in matches.items():
-        points.append(_points(name, matched, fars, rules))
+        curve = curve_by(rules, matched, chance(matched, rules.shifts, rules.seed))
+        points.append(points_at(curve, fars, "detector", name))
         if means:
             intervals[name] = pd_mean_interval(matched, **_mean_options(rules))
     pairs = []
@@ -364,7 +353,7 @@ def side_by_side(
     for (name, first), (other, second) in itertools.combinations(matches.items(), 2):
         _check_pair(first, second)
         names = {"first": name, "second": other}
-        for row in paired_points(first, second, fars, area=rules.area, level=rules.level):
+        for row in paired_points(first, second, fars, rules=rules):
             pairs.append(names | row)
         if means:
             compared = compare(first, second, **_mean_options(rules))
@@ -373,11 +362,10 @@ def side_by_side(
             row["low_b"], row["high_b"] = intervals[other]
             pairs_of_means.append(names | row)
     table = pd.concat(points, ignore_index=True)
-    table.attrs = {}
     return SideBySide(table, pd.DataFrame(pairs), pd.DataFrame(pairs_of_means) if means else None)
 
 
-def _mean_options(rules: Rules) -> dict[str, Any]:
+def _mean_options(rules: Rules) -> Entries:
     """Return the rules that intervals of PD_mean need."""
     return {
         "area": rules.area,
@@ -388,14 +376,13 @@ def _mean_options(rules: Rules) -> dict[str, Any]:
     }
 
 
-def _points(name: str, matched: Match, fars: Sequence[float], rules: Rules) -> pd.DataFrame:
-    """Return the rows of a detector's curve at allowed false alarm rates."""
-    curve = roc_of(matched, area=rules.area, level=rules.level)
-    curve = chance(matched, rules.shifts, rules.seed).add_chance_column(curve)
-    rows = curve.iloc[operating_row(curve, np.array(fars))].reset_index(drop=True)
-    rows = rows[list(_POINT_COLUMNS)]
+def points_at(curve: pd.DataFrame, fars: Sequence[float], column: str, name: str) -> pd.DataFrame:
+    """Return the rows of a curve at allowed false alarm rates, with its name in a column."""
+    rows = curve.iloc[operating_row(curve, np.array(fars))][list(_POINT_COLUMNS)]
+    rows = rows.reset_index(drop=True)
+    rows.attrs = {}
     rows.insert(0, "far_allowed", list(fars))
-    rows.insert(0, "detector", name)
+    rows.insert(0, column, name)
     return rows
 
 
@@ -416,21 +403,21 @@ def paired_points(
     second: Match,
     fars: Sequence[float],
     subset: Subset = None,
-    area: AreaRule = "union",
-    level: float = 0.95,
-) -> list[dict[str, Any]]:
+    rules: Rules | None = None,
+) -> list[Entries]:
     """Compare the targets of a subset that two detectors find at each allowed false alarm rate.
 
     The entries of a row are those of ``pairs`` of :class:`SideBySide`.
     """
-    far_first = found_from(first, subset, area)
-    far_second = found_from(second, subset, area)
+    rules = rules or Rules()
+    far_first = found_from(first, subset, rules.area)
+    far_second = found_from(second, subset, rules.area)
     n_targets = len(far_first)
     rows = []
     for far in fars:
         only_first = int(((far_first <= far) & (far_second > far)).sum())
         only_second = int(((far_second <= far) & (far_first > far)).sum())
-        low, high = paired_interval(only_first, only_second, n_targets, level)
+        low, high = paired_interval(only_first, only_second, n_targets, rules.level)
         row = {
             "far_allowed": far,
             "difference": (only_first - only_second) / n_targets,

@@ -13,7 +13,7 @@ import pandas as pd
 from scipy import special
 from scipy.interpolate import CubicSpline
 
-from flgpr.types import AnyArray, ArrayLike, BoolArray, FloatArray, IntArray, floats
+from flgpr.types import AnyArray, ArrayLike, BoolArray, Entries, FloatArray, IntArray, floats
 
 _NODES = 400
 _SMOOTH = 500.0
@@ -50,7 +50,7 @@ def clopper_pearson(
     >>> low.round(3), high.round(3)
     (array([0.735, 0.428, 0.   ]), array([1.   , 0.945, 0.071]))
     """
-    tail = _tail(level)
+    tail = (1 - check_level(level)) / 2
     k, n = np.broadcast_arrays(floats(successes), floats(trials))
     if ((k < 0) | (k > n)).any():
         raise ValueError(
@@ -96,7 +96,7 @@ def poisson_interval(
     >>> low.round(4), high.round(4)  # per m²
     (array([0.    , 0.0021]), array([0.0123, 0.0292]))
     """
-    tail = _tail(level)
+    tail = (1 - check_level(level)) / 2
     counts = floats(count)
     exposures = floats(exposure)
     if (counts < 0).any():
@@ -129,11 +129,11 @@ def _gamma_quantile(shape: FloatArray, probability: float) -> FloatArray:
     return shape + np.sqrt(shape) * spline(np.log(shape))
 
 
-def _tail(level: float) -> float:
-    """Return the probability of one tail of a two-sided interval."""
+def check_level(level: float) -> float:
+    """Return a level of intervals, which must lie between 0 and 1."""
     if not 0 < level < 1:
         raise ValueError(f"level must lie between 0 and 1, got {level}")
-    return (1 - level) / 2
+    return level
 
 
 @dataclass(frozen=True)
@@ -495,7 +495,7 @@ def with_area(
     )
 
 
-def describe(convention: str) -> dict[str, Any]:
+def describe(convention: str) -> Entries:
     """Return the entries of a table's ``attrs`` that describe a convention."""
     chosen = CONVENTIONS[convention]
     return {"convention": chosen.name, "source": chosen.source, "far_is": chosen.far}

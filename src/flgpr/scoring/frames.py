@@ -14,7 +14,7 @@ import pandas as pd
 from flgpr.model import Lane, ground_points, lane_to_scan
 from flgpr.scoring.lane_roc import accumulated_area
 from flgpr.scoring.lane_score import Rules, Score, score
-from flgpr.types import ArrayLike, BoolArray, FloatArray, floats
+from flgpr.types import ArrayLike, BoolArray, floats
 
 GAP = 5.0
 """Ground between frames on the unrolled lane, m: no halo bridges it."""
@@ -82,38 +82,25 @@ def unroll_frames(
 
     slot = area.y_max - area.y_min + GAP
     start = {frame: number * slot - area.y_min for number, frame in enumerate(sorted(poses))}
-    offset = alarms["frame"].map(start).to_numpy(dtype=np.float64)
-    ahead = alarms["ahead"].to_numpy(dtype=np.float64)
-    unrolled = alarms.assign(x=alarms["across"], y=ahead + offset)
+    offset = floats(alarms["frame"].map(start))
+    unrolled = alarms.assign(x=alarms["across"], y=floats(alarms["ahead"]) + offset)
 
+    in_reach = Lane(area.x_min - halo, area.x_max + halo, area.y_min - halo, area.y_max + halo)
+    points = ground_points(truth)
     looks = []
     for frame in sorted(poses):
-        pose = floats(poses[frame])
-        looks.append(_looks_of_frame(truth, frame, pose, start[frame], area, halo))
+        across, ahead = lane_to_scan(points, floats(poses[frame]))[:, :2].T
+        table = truth.assign(
+            x=across,
+            y=ahead + start[frame],
+            inside=area.contains(across, ahead),
+            mine=truth["target_id"],
+            target_id=truth["target_id"].astype(str) + f"-{frame}",
+        )
+        looks.append(table[in_reach.contains(across, ahead)])
     all_looks = pd.concat(looks, ignore_index=True)
     unrolled_lane = Lane(area.x_min, area.x_max, 0.0, slot * len(poses))
     return UnrolledFrames(unrolled, all_looks, unrolled_lane, slot, len(poses))
-
-
-def _looks_of_frame(
-    truth: pd.DataFrame,
-    frame: int,
-    pose: FloatArray,
-    start: float,
-    area: Lane,
-    halo: float,
-) -> pd.DataFrame:
-    """Return the targets in or near a frame's area, on the unrolled lane from ``start`` on."""
-    across, ahead = lane_to_scan(ground_points(truth), pose)[:, :2].T
-    table = truth.assign(
-        x=across,
-        y=ahead + start,
-        inside=area.contains(across, ahead),
-        mine=truth["target_id"],
-        target_id=truth["target_id"].astype(str) + f"-{frame}",
-    )
-    in_reach = Lane(area.x_min - halo, area.x_max + halo, area.y_min - halo, area.y_max + halo)
-    return table[in_reach.contains(across, ahead)]
 
 
 def score_frames(
@@ -191,6 +178,6 @@ def score_frames(
 
 def _is_within(alarms: pd.DataFrame, looks: pd.DataFrame, radius: float) -> BoolArray:
     """Return whether each alarm lies in the halo of one of the looks."""
-    x = alarms[["x"]].to_numpy(dtype=np.float64) - looks["x"].to_numpy()
-    y = alarms[["y"]].to_numpy(dtype=np.float64) - looks["y"].to_numpy()
+    x = floats(alarms[["x"]]) - looks["x"].to_numpy()
+    y = floats(alarms[["y"]]) - looks["y"].to_numpy()
     return np.asarray((np.hypot(x, y) <= radius).any(axis=1))

@@ -29,7 +29,15 @@ import numpy as np
 import pandas as pd
 
 from flgpr.scoring.curve import count_at, describe, make_curve
-from flgpr.scoring.matching import LaneLike, Match, Subset, match, one_of, select_targets
+from flgpr.scoring.matching import (
+    LaneLike,
+    Match,
+    Subset,
+    first_of_each,
+    match,
+    one_of,
+    select_targets,
+)
 from flgpr.scoring.places import Refraction, survey_share
 
 AreaRule = Literal["union", "paper", "frames"]
@@ -306,9 +314,7 @@ def label_alarms(matched: Match) -> pd.DataFrame:
 
     target = np.full(len(label), -1)
     distance = np.full(len(label), np.nan)
-    order = np.lexsort((matched.pair_target, matched.pair_distance, matched.pair_alarm))
-    _, first = np.unique(matched.pair_alarm[order], return_index=True)
-    nearest = order[first]
+    nearest = first_of_each(matched.pair_alarm, matched.pair_distance, matched.pair_target)
     target[matched.pair_alarm[nearest]] = matched.pair_target[nearest]
     distance[matched.pair_alarm[nearest]] = matched.pair_distance[nearest]
     return matched.alarms.assign(label=label, target=target, distance=distance)

@@ -16,7 +16,7 @@ from flgpr.scoring.breakdown import DEPTH_EDGES, depth_classes, pd_table
 from flgpr.scoring.chance_level import SHIFTS, Chance, chance, random_pd
 from flgpr.scoring.curve import held_pd_mean, operating_row, pd_mean_by_chance
 from flgpr.scoring.lane_roc import assign, label_alarms, roc_of
-from flgpr.scoring.matching import LaneLike, Match, match
+from flgpr.scoring.matching import LaneLike, Match, Subset, match
 from flgpr.scoring.places import Refraction, SurveyShare, survey_share
 from flgpr.scoring.score_entries import (
     CurvePoint,
@@ -29,7 +29,7 @@ from flgpr.scoring.score_entries import (
     RulesEntries,
     TargetOutcome,
 )
-from flgpr.types import BoolArray
+from flgpr.types import BoolArray, Entries
 
 COUNTS = ("n_alarms", "n_targets", "n_known_targets", "area")
 _SAME_IN_ALL_ROWS = ("n_targets", "area")
@@ -101,7 +101,7 @@ class Score:
         return {"value": value, "low": low, "high": high, "chance": by_chance, "far_max": far_max}
 
     @property
-    def _bootstrap(self) -> dict[str, Any]:
+    def _bootstrap(self) -> Entries:
         """The rules that the bootstrap takes."""
         names = ("area", "frame_area", "level", "draws", "seed", "block", "cluster")
         return {name: getattr(self.rules, name) for name in names}
@@ -121,7 +121,7 @@ class Score:
         return halos if halos < _FEW_HALOS else None
 
     @property
-    def point(self) -> dict[str, Any]:
+    def point(self) -> Entries:
         """The curve's row at the operating point.
 
         Its entry ``random`` is the Pd of alarms strewn at random at the same FAR.
@@ -191,14 +191,7 @@ class Score:
 
     def curve_of(self, rows: BoolArray | None) -> pd.DataFrame:
         """Compute the curve of some targets, or of all, with the Pd that chance gives."""
-        curve = roc_of(
-            self.matched,
-            rows,
-            area=self.rules.area,
-            frame_area=self.rules.frame_area,
-            level=self.rules.level,
-        )
-        return self.chance.add_chance_column(curve, rows)
+        return curve_by(self.rules, self.matched, self.chance, rows)
 
     def bands(
         self, by: Literal["kind", "depth"] | None = None
@@ -223,7 +216,7 @@ class Score:
             return {"all": (self.curve, band(self.matched, None, grid, **self._bootstrap))}
         if by == "kind":
             groups = truth["kind"].astype(str)
-            names = sorted(map(str, truth["kind"].unique()))
+            names = sorted(groups.unique())
         else:
             groups = depth_classes(truth["depth"], DEPTH_EDGES)
             names = list(groups.cat.categories)
@@ -231,7 +224,7 @@ class Score:
         for name in names:
             rows = (groups == name).to_numpy()
             band_of_rows = band(self.matched, rows, grid, **self._bootstrap)
-            bands[str(name)] = (self.curve_of(rows), band_of_rows)
+            bands[name] = (self.curve_of(rows), band_of_rows)
         return bands
 
     def operating_points(self, curve: pd.DataFrame | None = None) -> pd.DataFrame:
@@ -408,8 +401,7 @@ def score(
     )
     survey = None if rules.survey_error is None else survey_share(rules.survey_error, matched.halo)
     level = chance(matched, rules.shifts, rules.seed)
-    curve = roc_of(matched, area=rules.area, frame_area=rules.frame_area, level=rules.level)
-    curve = level.add_chance_column(curve)
+    curve = curve_by(rules, matched, level)
     far = max(rules.far, 1 / curve.attrs["area"])
     return Score(
         name=name,
@@ -425,13 +417,19 @@ def score(
     )
 
 
+def curve_by(rules: Rules, matched: Match, level: Chance, subset: Subset = None) -> pd.DataFrame:
+    """Compute the curve of some targets, or of all, with the Pd that chance gives."""
+    curve = roc_of(matched, subset, area=rules.area, frame_area=rules.frame_area, level=rules.level)
+    return level.add_chance_column(curve, subset)
+
+
 def _outcomes(matched: Match, rules: Rules, far: float) -> pd.DataFrame:
     """Return the best alarm of every target, its offset, and whether it is found at ``far``."""
     outcomes = assign(matched, rules.area, rules.frame_area)
     best = outcomes["alarm"].to_numpy(dtype=int)
     for axis in ("x", "y"):
         # The NaN at the end is what a target without an alarm, -1, takes.
-        positions = np.append(matched.alarms[axis].to_numpy(dtype=float), np.nan)
+        positions = np.append(matched.alarms[axis], np.nan)
         outcomes["d" + axis] = positions[best] - outcomes[axis]
     outcomes["found"] = outcomes["far"] <= far
     return outcomes

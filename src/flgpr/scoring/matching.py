@@ -84,8 +84,7 @@ def lane_of_rows(table: pd.DataFrame, lanes: Mapping[str, Lane], name: str) -> I
     strange = sorted(set(lane_names) - set(known))
     if strange:
         raise ValueError(f"{name}.lane must be one of {', '.join(known)}; got {strange[0]!r}")
-    numbers = {lane: number for number, lane in enumerate(known)}
-    return np.asarray(lane_names.map(numbers), dtype=np.int64)
+    return np.asarray(pd.Index(known).get_indexer(pd.Index(lane_names)), dtype=np.int64)
 
 
 def stated_lanes(table: pd.DataFrame, known: Sequence[str], name: str) -> pd.Series[str]:
@@ -250,9 +249,7 @@ class Match:
         row = self.pair_alarm[counts]
         target = self.pair_target[counts]
         pair_distance = self.pair_distance[counts]
-        order = np.lexsort((row, pair_distance, -self.confidence[row], target))
-        _, first = np.unique(target[order], return_index=True)
-        best = order[first]
+        best = first_of_each(target, -self.confidence[row], pair_distance, row)
         alarm = np.full(targets, -1, dtype=np.int64)
         distance = np.full(targets, np.nan)
         confidence = np.full(targets, -np.inf)
@@ -348,7 +345,7 @@ def match(
         alarm_rows = np.flatnonzero(alarm_lane == number)
         target_rows = np.flatnonzero(target_lane == number)
         points = alarm_points[alarm_rows]
-        inside[alarm_rows] = scored_lane.contains(points[:, 0], points[:, 1])
+        inside[alarm_rows] = scored_lane.contains(*points.T)
         first, second, lengths = pairs_within(points, expected[target_rows], radius)
         pairs.append((alarm_rows[first], target_rows[second], lengths))
     alarm, target, distance = (np.concatenate(column) for column in zip(*pairs, strict=True))
@@ -357,7 +354,7 @@ def match(
     in_halo = np.zeros(len(alarms), dtype=bool)
     in_halo[alarm] = True
     if assignment == "nearest":
-        nearest = _nearest_pairs(alarm, target, distance)
+        nearest = first_of_each(alarm, distance, target)
         alarm = alarm[nearest]
         target = target[nearest]
         distance = distance[nearest]
@@ -385,11 +382,11 @@ def _halo_radius(halo: float, halo_as: str) -> float:
     return float(halo) / (2 if halo_as == "diameter" else 1)
 
 
-def _nearest_pairs(alarm: IntArray, target: IntArray, distance: FloatArray) -> IntArray:
-    """Return the pairs of alarms with their nearest targets, as numbers of pairs."""
-    order = np.lexsort((target, distance, alarm))
-    _, first_of_alarm = np.unique(alarm[order], return_index=True)
-    return np.asarray(order[first_of_alarm])
+def first_of_each(group: IntArray, *keys: FloatArray | IntArray) -> IntArray:
+    """Return the row of each group that comes first by its keys, of which the foremost decides."""
+    order = np.lexsort((*reversed(keys), group))
+    _, first = np.unique(group[order], return_index=True)
+    return np.asarray(order[first])
 
 
 def pairs_within(

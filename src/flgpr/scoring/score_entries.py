@@ -6,7 +6,7 @@ are null in the JSON.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, NotRequired
+from typing import Annotated, Literal, NotRequired
 
 from pydantic import Field
 
@@ -15,6 +15,7 @@ from typing_extensions import TypedDict
 
 from flgpr.scoring.lane_roc import AreaRule
 from flgpr.scoring.places import SurveyShare
+from flgpr.types import Entries
 
 Count = Annotated[int, Field(ge=0)]
 Number = Annotated[float, Field(ge=0)]
@@ -159,7 +160,7 @@ class ScoreFile(TypedDict):
     version: Literal[1]
     flgpr: str  #: version of the program
     rules: RulesEntries
-    notes: dict[str, Any]  #: digests, sources and remarks
+    notes: Entries  #: digests, sources and remarks
     detections: dict[str, DetectionEntries]  #: by name; ``main`` is the first
 
 
@@ -258,7 +259,7 @@ class ScoreSummary(TypedDict):
     area_m2: Area  #: area of the FAR, m²
     pd_mean: MeanPdInterval | None
     rules: RulesEntries
-    notes: dict[str, Any]  #: digests, sources and remarks
+    notes: Entries  #: digests, sources and remarks
     outcomes: list[SummaryOutcome]
 
 
@@ -331,7 +332,7 @@ class ComparisonFile(TypedDict):
     version: Literal[1]
     flgpr: str  #: version of the program
     rules: ComparisonRules | BlindComparisonRules
-    notes: dict[str, dict[str, Any]]  #: digests, sources and remarks by detector
+    notes: dict[str, Entries]  #: digests, sources and remarks by detector
     points: list[ComparedPoint]
     pairs: list[ComparedPair]
     means: list[ComparedMeans] | None  #: null where a sealed truth was scored

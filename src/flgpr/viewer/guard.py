@@ -29,7 +29,7 @@ SECURITY_HEADERS = {
 _LOCAL_PAGES = (
     "http://localhost:* http://127.0.0.1:* https://localhost:* https://127.0.0.1:* vscode-webview:"
 )
-_WILDCARDS = ("0.0.0.0", "::")  # noqa: S104
+WILDCARDS = ("0.0.0.0", "::")  # noqa: S104
 
 
 def is_loopback(host: str) -> bool:
@@ -88,7 +88,7 @@ class Guard:
             names = {"127.0.0.1", "localhost", "[::1]"}
         else:
             names = {f"[{host}]" if ":" in host else host.lower()}
-        self._wildcard = host in _WILDCARDS
+        self._wildcard = host in WILDCARDS
         if self._wildcard:
             names |= {socket.gethostname().lower(), "localhost"}
         self._names = names

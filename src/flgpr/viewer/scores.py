@@ -12,6 +12,7 @@ from typing import Any
 from flgpr.door import MOST_JSON, Folder
 from flgpr.json_text import parse_json
 from flgpr.store import canonical_json
+from flgpr.types import Entries
 
 _FILES = {"roc.json": "flgpr-score", "comparison.json": "flgpr-comparison"}
 _CURVE = (
@@ -53,14 +54,14 @@ def score_file(path: Path) -> Path | None:
     return None
 
 
-NO_IMAGES: dict[str, Any] = {"grid": None, "tile_rows": 0, "channel": ["", ""], "layers": []}
+NO_IMAGES: Entries = {"grid": None, "tile_rows": 0, "channel": ["", ""], "layers": []}
 """Entries of an index of what has no run-views."""
 
 
 class IndexOnly:
     """What the page shows of a source without images: its index, and nothing else by default."""
 
-    index: dict[str, Any]
+    index: Entries
 
     def index_bytes(self) -> bytes:
         """Return the index as JSON."""
@@ -104,7 +105,7 @@ class ScoreFiles(IndexOnly):
             stated = content["rules"]
             rules = {name: stated[name] for name in _RULES if name in stated}
             rules |= _truth_digest(content["notes"])
-            view_score: dict[str, Any] = {
+            view_score: Entries = {
                 "halo": rules.get("halo_radius"),
                 "truth": {"target_id": [], "x": [], "y": [], "kind": [], "depth": []},
                 "objects": None,
@@ -127,7 +128,7 @@ class ScoreFiles(IndexOnly):
         return self._score
 
 
-def _empty_index(title: str, names: Sequence[str]) -> dict[str, Any]:
+def _empty_index(title: str, names: Sequence[str]) -> Entries:
     """Return the index of detections without a lane, run-views and alarms."""
     scans: dict[str, list[Any]] = {name: [] for name in ("x", "y", "z", "heading", "masked")}
     alarms: dict[str, list[Any]] = {"x": [], "y": [], "confidence": []}
@@ -154,7 +155,7 @@ def _empty_index(title: str, names: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def _truth_digest(notes: Mapping[str, Any]) -> dict[str, Any]:
+def _truth_digest(notes: Mapping[str, Any]) -> Entries:
     """Return the digest of the truth, open or sealed, from the notes of a score.
 
     Of a comparison it is that of the first score.
@@ -170,16 +171,16 @@ def _truth_digest(notes: Mapping[str, Any]) -> dict[str, Any]:
     return {}
 
 
-def _entries_by_detector(comparison: Mapping[str, Any]) -> dict[str, Any]:
+def _entries_by_detector(comparison: Mapping[str, Any]) -> Entries:
     """Return the points of a comparison as an entry per detector."""
-    entries: dict[str, Any] = {}
+    entries: Entries = {}
     for row in comparison["points"]:
         entry = entries.setdefault(row["detector"], {"points": []})
         entry["points"].append(row)
     return entries
 
 
-def _view_entry(entry: Mapping[str, Any], rules: Mapping[str, Any]) -> dict[str, Any]:
+def _view_entry(entry: Mapping[str, Any], rules: Mapping[str, Any]) -> Entries:
     """Return a scored list in the viewer's form.
 
     It has a curve, points by group of targets, and what became of each target.
@@ -236,7 +237,7 @@ def _view_entry(entry: Mapping[str, Any], rules: Mapping[str, Any]) -> dict[str,
     }
 
 
-def _open_points(entry: Mapping[str, Any]) -> list[dict[str, Any]]:
+def _open_points(entry: Mapping[str, Any]) -> list[Entries]:
     """Return the points of an open score.
 
     Of all targets at every allowed FAR, then of each kind.
@@ -258,7 +259,7 @@ def _open_points(entry: Mapping[str, Any]) -> list[dict[str, Any]]:
     return points
 
 
-def _only(row: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
+def _only(row: Mapping[str, Any], names: Sequence[str]) -> Entries:
     """Return some entries of a row, None for those that it lacks."""
     return {name: row.get(name) for name in names}
 

@@ -30,7 +30,8 @@ from flgpr import system
 from flgpr.geo import map_backdrop, read_anchor
 from flgpr.store import MOST_VERDICT_BYTES, RunStoreError
 from flgpr.store.answers import MOST_ANSWER_BYTES, add_answer
-from flgpr.viewer.guard import Guard, is_loopback
+from flgpr.types import Entries
+from flgpr.viewer.guard import WILDCARDS, Guard, is_loopback
 from flgpr.viewer.limits import (
     LimitedConfig,
     LimitedServer,
@@ -69,7 +70,7 @@ class Raw(Protocol):
     Whoever starts the viewer hands it in.
     """
 
-    def answer(self, what: str, query: Mapping[str, str]) -> dict[str, Any]:
+    def answer(self, what: str, query: Mapping[str, str]) -> Entries:
         """Return a ``bscan``, a ``spectrum``, an ``image`` or the ``health``, by ``what``.
 
         Raises
@@ -186,7 +187,7 @@ class Viewer:
     @property
     def url(self) -> str:
         """Address of the page, token included."""
-        host = socket.gethostname() if self.host in ("0.0.0.0", "::") else self.host  # noqa: S104
+        host = socket.gethostname() if self.host in WILDCARDS else self.host
         return f"http://{system.address_text(host, self.port)}/{self.token}/"
 
     def keep_answers(self) -> None:
@@ -274,7 +275,7 @@ class Viewer:
         for source in self._sources:
             identities.append(source.identity if isinstance(source, ResultFiles) else "")
         first_is_run = bool(self._sources) and isinstance(self._sources[0], RunFiles)
-        session: dict[str, Any] = {
+        session: Entries = {
             "results": [source.title for source in self._sources],
             "live": self._live is not None,
             "answers": ANSWERS_PATH in self._puts,
@@ -438,8 +439,8 @@ def _endpoint(read: Callable[[Request], Response]) -> Endpoint:
 def _written(
     what: str,
     most: int,
-    write: Callable[[bytes], dict[str, Any]],
-    read: Callable[[], dict[str, Any]] | None = None,
+    write: Callable[[bytes], Entries],
+    read: Callable[[], Entries] | None = None,
 ) -> Endpoint:
     """Return an endpoint that keeps what a page writes, and reads it where that is asked for.
 

@@ -36,6 +36,7 @@ from flgpr.store.view_format import (
     check_view_index,
     view_score_body,
 )
+from flgpr.types import Entries, PathLike, floats
 from flgpr.viewer.scores import NO_IMAGES, IndexOnly, ScoreFiles, score_file
 
 LIVE_FILE = "live.jsonl"
@@ -64,7 +65,7 @@ class ResultFiles:
         If the folder is no result or its view is of another version.
     """
 
-    def __init__(self, folder: str | Path, score: str | Path | None = None) -> None:
+    def __init__(self, folder: PathLike, score: PathLike | None = None) -> None:
         self.folder = Path(folder).resolve()
         self.identity, self._files = _listed_by_manifest(self.folder)
         with _as_view_error():
@@ -163,8 +164,6 @@ def _as_view_error() -> Iterator[None]:
     """Turn errors of reading a file into a ViewError."""
     try:
         yield
-    except ViewError:
-        raise
     except FileNotFoundError as error:
         raise ViewError(f"{error.filename} is missing") from None
     except (OSError, ValueError) as error:
@@ -174,11 +173,11 @@ def _as_view_error() -> Iterator[None]:
 class RunFiles(IndexOnly):
     """A run without a result, or a recording: the track, and what was assumed on reading."""
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: PathLike) -> None:
         self.folder = Path(path).resolve()
         is_traces = self.folder.is_file()
         run = recording_reader(path).preview(self.folder) if is_traces else open_run(path)
-        pose = np.asarray(run["pose"].values, dtype=np.float64)
+        pose = floats(run["pose"].values)
         valid = np.asarray(run["valid"].values).reshape(len(pose), -1)
         scans: dict[str, list[Any]] = {}
         for i, name in enumerate(("x", "y", "z", "heading")):
@@ -228,7 +227,7 @@ class VerdictFile:
     """
 
     def __init__(
-        self, path: str | Path, sources: Sequence[ViewSource], live_folders: Sequence[Path] = ()
+        self, path: PathLike, sources: Sequence[ViewSource], live_folders: Sequence[Path] = ()
     ) -> None:
         self.path = Path(path).resolve()
         self._writing = threading.Lock()
@@ -241,7 +240,7 @@ class VerdictFile:
             raise ViewError(f"verdicts must lie in a folder that exists, got {path}")
         self.read()
 
-    def read(self) -> dict[str, Any]:
+    def read(self) -> Entries:
         """Return the notes, none where there is no file yet, and the digest of the file."""
         try:
             data = read_named(self.path, MOST_VERDICT_BYTES)
@@ -249,7 +248,7 @@ class VerdictFile:
             return {"sha256": "", "notes": []}
         return {"sha256": sha256(data), "notes": parse_verdicts(data, self.path)}
 
-    def write(self, body: bytes) -> dict[str, Any]:
+    def write(self, body: bytes) -> Entries:
         """Replace the file by the notes of a page, and return its new digest.
 
         Raises
@@ -279,7 +278,7 @@ class LiveFile:
     The file may appear later.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: PathLike) -> None:
         path = Path(path).resolve()
         if path.suffix == ".jsonl":
             self.folder = path.parent
@@ -288,7 +287,7 @@ class LiveFile:
             self.folder = path
             self._name = LIVE_FILE
 
-    def after(self, offset: int) -> dict[str, Any]:
+    def after(self, offset: int) -> Entries:
         """Return the events that came since a byte offset.
 
         Parameters
@@ -346,7 +345,7 @@ class LiveFile:
         }
 
 
-def _with_whole_vehicle(event: dict[str, Any]) -> dict[str, Any]:
+def _with_whole_vehicle(event: Entries) -> Entries:
     """Return an event; that of the start of an older run has the defaults of what it does not say.
 
     Runs of before 2026-11-28 state fewer numbers of their vehicle, and the page has none of its own.
@@ -360,7 +359,7 @@ def _with_whole_vehicle(event: dict[str, Any]) -> dict[str, Any]:
 ViewSource = ResultFiles | RunFiles | ScoreFiles
 
 
-def open_sources(paths: Sequence[str | Path], score: str | Path | None = None) -> list[ViewSource]:
+def open_sources(paths: Sequence[PathLike], score: PathLike | None = None) -> list[ViewSource]:
     """Open what is shown together.
 
     Together with the score of an alarm list, results are shown by their scores only.
@@ -403,7 +402,7 @@ def _score_of(source: ViewSource) -> ScoreFiles:
     return ScoreFiles(path)
 
 
-def open_source(path: str | Path, score: str | Path | None = None) -> ViewSource:
+def open_source(path: PathLike, score: PathLike | None = None) -> ViewSource:
     """Open a result folder (or its alarms.csv), a run store, a recording or a score (or its JSON).
 
     Parameters

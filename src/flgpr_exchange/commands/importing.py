@@ -11,7 +11,7 @@ import xarray as xr
 
 from flgpr import __version__
 from flgpr.commands.importing import check_parent_folder
-from flgpr.commands.positions import PathLike, read_optional_anchor, tied_run
+from flgpr.commands.positions import read_optional_anchor, tied_run
 from flgpr.door import Folder
 from flgpr.geo import anchor_from_fixes
 from flgpr.model.faults import faults_of
@@ -20,7 +20,7 @@ from flgpr.progress import Track, silent
 from flgpr.store import RunWriter, save_run, write_whole
 from flgpr.store.outputs import log_finished
 from flgpr.store.run_writer import RunExistsError
-from flgpr.types import Entries, Notes
+from flgpr.types import Entries, Notes, PathLike
 from flgpr_exchange.gpr.files import read_gpr
 from flgpr_exchange.gpr.line_run import channels_run, gpr_run
 from flgpr_exchange.gpr.survey import LineLayout, place_by_marks, read_line_ends, survey_run

@@ -5,7 +5,6 @@ from __future__ import annotations
 import secrets
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -21,11 +20,10 @@ from flgpr.store.files import existing
 from flgpr.store.outputs import output_exists_error, write_new
 from flgpr.store.tables import parse_table, read_columns
 from flgpr.store.writing import csv_text
-from flgpr.types import BoolArray, FloatArray
+from flgpr.types import BoolArray, Entries, FloatArray, PathLike, floats
 from flgpr_trials.pages import sheet_html
 from flgpr_trials.planning import emplacement_plan
 
-PathLike = str | Path
 CREW_COLUMNS = ("emplaced", "emplaced_x_m", "emplaced_y_m", "emplaced_depth_m", "remark")
 """Columns of the sheet that the crew fills in."""
 _TEXT_COLUMNS = ("target_id", "lane", "emplaced", "remark")
@@ -102,9 +100,7 @@ def _sorts_of(plan: pd.DataFrame) -> list[list[str]]:
     return sorted(sorts.to_numpy().tolist())
 
 
-def line_of_plan(
-    lines: Sequence[dict[str, Any]], entry: dict[str, Any], path: Path
-) -> dict[str, Any] | None:
+def line_of_plan(lines: Sequence[Entries], entry: Entries, path: Path) -> Entries | None:
     """Return the line of a plan in its register; one with other rules is a FileExistsError."""
     for line in lines:
         if line.get("event") != entry["event"] or line.get("plan") != entry["plan"]:
@@ -210,4 +206,4 @@ def _recorded_values(
         if np.isnan(values[target]):
             rule = "a number of metres with a decimal point, or commas in a sheet with semicolons"
         slips.append(f"{target}: emplaced_{name}_m must be {rule}, got {cells[target]}")
-    return np.where(cells.isna(), planned, values.to_numpy(dtype=np.float64).round(3)), slips
+    return np.where(cells.isna(), planned, floats(values).round(3)), slips

@@ -18,6 +18,7 @@ from flgpr.commands.trials import REGISTER_COLUMN
 if TYPE_CHECKING:
     import pandas as pd
 
+    from flgpr.types import Entries
     from flgpr_trials.planning import SamplePlan
 
 
@@ -84,9 +85,7 @@ def plan_mines(
     )
 
 
-def _lane_lines(
-    returned: tuple[pd.DataFrame, dict[str, Any]], call: Arguments
-) -> Iterator[str | Path]:
+def _lane_lines(returned: tuple[pd.DataFrame, Entries], call: Arguments) -> Iterator[str | Path]:
     """Yield the files, the seed and the time of the register line."""
     from flgpr_trials.commands.crew import plan_files
     from flgpr_trials.folder import too_few_mines
@@ -172,13 +171,12 @@ def plan_lane(
     it was registered is finished.
     """
     from flgpr.commands.exports import Wish, write_export
-    from flgpr.commands.reach import table_doubts
+    from flgpr.commands.positions import read_optional_anchor
+    from flgpr.commands.reach import tell_doubts
     from flgpr.commands.scoring import borders, read_lanes
-    from flgpr.geo import read_anchor
     from flgpr.geo.points import require_one_lane
     from flgpr.store.extras import optional
     from flgpr.store.files import check_new
-    from flgpr.store.notes import log_note
     from flgpr.store.outputs import log_finished, output_exists_error, write_new
     from flgpr.store.writing import csv_text
     from flgpr_trials.commands import crew
@@ -196,9 +194,8 @@ def plan_lane(
     lanes = read_lanes(lane)
     plan = crew.drawn_plan(lanes, targets, seed, spacing, edge)
     plan[REGISTER_COLUMN] = register.name
-    for doubt in table_doubts(plan, "truth", lanes):
-        log_note(f"{Path(targets).name}: {doubt}")
-    lane_anchor = None if anchor is None else read_anchor(anchor)
+    tell_doubts(plan, "truth", Path(targets).name, lanes)
+    lane_anchor = read_optional_anchor(anchor)
     # What cannot be tied, or may be missing, is looked for before anything is written.
     if lane_anchor is not None:
         require_one_lane(plan)
@@ -208,7 +205,7 @@ def plan_lane(
     for name, value in rules.items():
         if not (math.isfinite(value) and value > 0):
             raise ValueError(f"{name} must be positive and finite, got {value:g}")
-    entry: dict[str, Any] = {
+    entry: Entries = {
         "event": "plan",
         "lanes": borders(lanes),
         "rules": rules,
@@ -241,7 +238,7 @@ def plan_lane(
         if kind in files:
             write_export(Wish(path, files[kind], kind, anchor))
 
-    def entry_unless_opened(lines_now: list[dict[str, Any]]) -> dict[str, Any]:
+    def entry_unless_opened(lines_now: list[Entries]) -> Entries:
         require_unopened(lines_now, too_late)
         if crew.line_of_plan(lines_now, entry, path) is not None:
             raise output_exists_error(path, "another process has just drawn and registered it")
@@ -250,7 +247,7 @@ def plan_lane(
     return plan, enter(register, entry_unless_opened)[-1]
 
 
-def _register_lines(line: dict[str, Any], call: Arguments) -> Iterator[str]:
+def _register_lines(line: Entries, call: Arguments) -> Iterator[str]:
     """Yield where what fixes a detector stands in the register."""
     digest = line["recipe"][:12]
     yield f"{call.recipe} is line {line['number']} of {call.book}, {digest}..., {line['time']}"
@@ -312,7 +309,7 @@ def _check_lines(returned: CheckedRegister, call: Arguments) -> Iterator[str]:
         yield "only --report or --witness shows whether lines are missing at the end"
 
 
-def _check_json(returned: CheckedRegister, _: Arguments) -> dict[str, Any]:
+def _check_json(returned: CheckedRegister, _: Arguments) -> Entries:
     """Return the head of a register and those that reports know."""
     from flgpr_trials.ledger import head_of
 
@@ -361,9 +358,7 @@ def check_register(
     return lines, heads_of_reports(lines, register, one_or_more(report))
 
 
-def _survey_lines(
-    returned: tuple[pd.DataFrame, dict[str, Any]], call: Arguments
-) -> Iterator[str | Path]:
+def _survey_lines(returned: tuple[pd.DataFrame, Entries], call: Arguments) -> Iterator[str | Path]:
     """Yield the truth, how it differs from the plan, and whether too few mines are left."""
     from flgpr_trials.folder import too_few_mines
 
@@ -442,10 +437,10 @@ def survey_plan(
     )
     truth, offset = read_sheet(sheet, planned, within)
     text = csv_text(truth)
-    kept: dict[str, Any] = {
+    kept: Entries = {
         name: plan_lines[-1][name] for name in ("plan", "lanes", "rules") if name in plan_lines[-1]
     }
-    entry: dict[str, Any] = {
+    entry: Entries = {
         "event": "survey",
         **kept,
         "moved": int((offset > 0).sum()),

@@ -27,6 +27,7 @@ from flgpr.results.score import detections_json
 from flgpr.store.files import existing
 from flgpr.store.outputs import OVERWRITE, log_finished, output_exists_error
 from flgpr.store.tables import parse_table
+from flgpr.types import Entries, PathLike
 from flgpr_trials.blind import BlindScore, Registration, blind_score, match_blind
 from flgpr_trials.commands.seal import ask_new_passphrase, seal
 from flgpr_trials.folder import trial_register
@@ -52,7 +53,6 @@ _BEFORE_OPENING = (
     "A right one makes this score a look at the truth, which is counted in its log for good; a "
     "wrong one changes nothing."
 )
-PathLike = str | Path
 R = TypeVar("R", bound="str | Path | None")
 
 
@@ -176,7 +176,7 @@ def holds_sealed_score(request: ScoreRequest, entrant: Entrant) -> bool:
         "recipe_sha256": "" if request.trial.book is None else str(recipe_of(entrant)),
     }
     try:
-        report = parse_json(Folder(request.output).read(file.name, MOST_JSON))
+        report = Folder(request.output).json(file.name)
         stated = {name: report["notes"].get(name, "") for name in expected}
         is_same = stated == expected and report["flgpr"] == flgpr.__version__
     except (ValueError, KeyError, TypeError, AttributeError):
@@ -211,7 +211,7 @@ def recipe_hash(recipe: PathLike) -> RecipeHashes:
 
 def enter_recipe(
     recipe: PathLike, register: RegisterLike, model: PathLike | None = None
-) -> dict[str, Any]:
+) -> Entries:
     """Enter a recipe, and the model that it is run with, into a register.
 
     Parameters
@@ -262,15 +262,15 @@ def with_witness(register: R, witness: PathLike | None) -> R | WitnessedRegister
     return WitnessedRegister(Path(register), Path(witness))
 
 
-def read_existing_register(register: RegisterLike) -> list[dict[str, Any]]:
+def read_existing_register(register: RegisterLike) -> list[Entries]:
     """Read a register, checked line by line and against its witness; it must exist."""
     existing(Path(register), "register")
     return read_checked_register(register)
 
 
 def heads_of_reports(
-    lines: Sequence[dict[str, Any]], register: RegisterLike, reports: Sequence[PathLike]
-) -> dict[PathLike, dict[str, Any]]:
+    lines: Sequence[Entries], register: RegisterLike, reports: Sequence[PathLike]
+) -> dict[PathLike, Entries]:
     """Return how many lines of a register each report of a score knows, and the last one's hash.
 
     Parameters
@@ -306,7 +306,7 @@ def heads_of_reports(
     return heads
 
 
-def _heads_in(report: PathLike, kinds: Sequence[str]) -> list[dict[str, Any]]:
+def _heads_in(report: PathLike, kinds: Sequence[str]) -> list[Entries]:
     """List the heads of a register or log in a report, one for every alarm list.
 
     A report that states none is a ValueError.
@@ -362,7 +362,7 @@ def open_truth(
     entrants: Sequence[Entrant],
     lanes: Mapping[str, Mapping[str, float]],
     rules: Mapping[str, float],
-) -> tuple[pd.DataFrame, list[dict[str, Any]]]:
+) -> tuple[pd.DataFrame, list[Entries]]:
     """Open a truth, once its register holds the recipes of all alarm lists that are scored.
 
     A planned truth has a register of its own, which must hold the plan, the lanes and the rules.
@@ -420,7 +420,7 @@ def open_truth(
 
 def registered_entrant(
     entrant: Entrant, register: RegisterLike | None
-) -> tuple[Registration | None, dict[str, Any]]:
+) -> tuple[Registration | None, Entries]:
     """Find the recipe of an alarm list in a register, before anybody opens a truth.
 
     Parameters

@@ -72,18 +72,17 @@ def seal(
     FileExistsError
         If another file is at the output.
     """
-    from flgpr.commands.reach import table_doubts, targets_in_reach
+    from flgpr.commands.reach import targets_in_reach, tell_doubts
     from flgpr.commands.scoring import borders, read_lanes
     from flgpr.door import read_named, refuse_links
     from flgpr.scoring import Rules
     from flgpr.store.files import existing
-    from flgpr.store.notes import log_note
     from flgpr.store.outputs import atomic_output, log_finished, output_exists_error
     from flgpr.store.tables import parse_table
     from flgpr_trials.commands import scores
     from flgpr_trials.folder import require_trial_rules
     from flgpr_trials.ledger import content_hash, register, require_truth
-    from flgpr_trials.sealing import require_seal, seal_truth, seals
+    from flgpr_trials.sealing import require_seal, seal_truth, seals, to_seal
 
     require_witnessed(witness, book)
     rules: dict[str, Any] = given({"halo": halo, "show": show and str(show)})
@@ -94,8 +93,7 @@ def seal(
     lanes = read_lanes(lane)
     name = Path(truth).name
     reachable, _ = targets_in_reach(table, lanes, rules.get("halo", Rules.halo), name)
-    for doubt in table_doubts(reachable, "truth", lanes):
-        log_note(f"{name}: {doubt}")
+    tell_doubts(reachable, "truth", name, lanes)
     own_register = scores.default_register(truth, table)
     bound_to = scores.with_witness(book, witness) or own_register
     bound = None
@@ -113,7 +111,7 @@ def seal(
     refuse_links(sealed)
     if os.path.lexists(sealed):
         phrase = passphrase() if callable(passphrase) else passphrase
-        is_same, sealed_register = seals(sealed, phrase, table, lanes, **rules)
+        is_same, sealed_register = seals(sealed, phrase, to_seal(table, lanes, **rules))
         # The register may have grown since: its last line may be another one.
         truths = [None if one is None else one["truth"] for one in (bound, sealed_register)]
         if not is_same or truths[0] != truths[1]:
