@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from flgpr.types import FloatArray, floats
+from flgpr.types import FloatArray
 from flgpr_ground.entries import ORACLES
 from flgpr_ground.ground import BODY, MINES, Ground, opening_split, scores_at
 

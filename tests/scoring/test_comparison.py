@@ -13,7 +13,16 @@ from typer.testing import CliRunner
 
 from flgpr.commands.app import app
 from flgpr.model import Lane
-from flgpr.scoring import Rules, match, mcnemar_test, paired_interval, roc, side_by_side
+from flgpr.scoring import (
+    Rules,
+    compare,
+    match,
+    mcnemar_test,
+    paired_interval,
+    pd_mean_interval,
+    roc,
+    side_by_side,
+)
 
 LANE = Lane(-2.0, 2.0, 0.0, 300.0)
 Y = np.arange(5.0, 295.0, 10.0)
@@ -124,6 +133,16 @@ def test_the_tables_are_those_of_single_scores():
         told.means[["low_a", "low_b"]].to_numpy()
         <= told.means[["pd_mean_a", "pd_mean_b"]].to_numpy()
     ).all()
+
+
+@pytest.mark.parametrize("rule", [{"block": 60.0}, {"cluster": "pair"}])
+def test_all_rules_of_the_bootstrap_reach_the_tables_of_means(rule):
+    truth = TRUTH.assign(pair=np.arange(len(TRUTH)) // 2)
+    lists = {"a": alarms(1, 0.9, 30), "b": alarms(2, 0.6, 40)}
+    matches = {name: match(one, truth, LANE) for name, one in lists.items()}
+    told = side_by_side(matches, [0.01], Rules(draws=50, **rule)).means
+    assert told["low_a"].item() == pd_mean_interval(matches["a"], draws=50, **rule)[0]
+    assert told["low"].item() == compare(matches["a"], matches["b"], draws=50, **rule).low
 
 
 def test_what_cannot_be_compared_is_refused():

@@ -259,7 +259,9 @@ def live(
     )
     for name, value in (("reaction", reaction), ("deceleration", deceleration)):
         if value is not None and vehicle.speed is None:
-            raise ValueError(f"{name} goes with a speed, here or in the recipe, got {value:g} alone")
+            raise ValueError(
+                f"{name} goes with a speed, here or in the recipe, got {value:g} alone"
+            )
     options = LiveOptions(
         recipe=recipe,
         output=output,

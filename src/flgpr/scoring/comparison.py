@@ -367,13 +367,8 @@ def side_by_side(
 
 def _mean_options(rules: Rules) -> Entries:
     """Return the rules that intervals of PD_mean need."""
-    return {
-        "area": rules.area,
-        "level": rules.level,
-        "far_max": rules.far_max,
-        "draws": rules.draws,
-        "seed": rules.seed,
-    }
+    names = ("area", "frame_area", "level", "far_max", "draws", "seed", "block", "cluster")
+    return {name: getattr(rules, name) for name in names}
 
 
 def points_at(curve: pd.DataFrame, fars: Sequence[float], column: str, name: str) -> pd.DataFrame:
