@@ -171,6 +171,8 @@ def test_repeats_of_an_experiment_are_judged_together_and_counted_one_by_one():
     assert over_experiments(two).verdict == DISAGREES
     assert over_experiments(two).ours.startswith("A - B +0.25 (")
     assert over_experiments(two).shown == (0, 6)
+    equal = [replace(one, parts=(0.0, v), names=("A", "B")) for v in values]
+    assert over_experiments(equal).ours.startswith("A +0.00 (no interval); B +0.05 (")
 
 
 def test_looks_of_a_seed_count_by_their_design_effect():

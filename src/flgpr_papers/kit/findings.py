@@ -426,9 +426,9 @@ def of_parts(
 
 def _signed(interval: Interval) -> str:
     """Format a difference with its interval, all with their signs."""
-    digits = 2
-    if np.isfinite(interval).all():
-        digits = decimals(interval, interval[2] - interval[1])
+    if not np.isfinite(interval).all():
+        return f"{interval[0]:+z.2f} (no interval)"
+    digits = decimals(interval, interval[2] - interval[1])
     value, low, high = (f"{number:+z.{digits}f}" for number in interval)
     return f"{value} ({low} to {high})"
 
