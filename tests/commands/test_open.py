@@ -3,6 +3,7 @@
 import json
 import shlex
 
+import h5py
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -108,3 +109,33 @@ def test_what_cannot_be_opened_leaves_nothing(tmp_path):
     assert call("open", tmp_path / "none.npz", "-o", tmp_path / "a.toml").exit_code == 2
     assert call("open", tmp_path / "a.npz", "-o", tmp_path / "a.txt").exit_code == 2
     assert [path.name for path in tmp_path.iterdir()] == ["a.npz"]
+
+
+def test_what_would_be_left_out_in_silence_is_refused(archive, tmp_path):
+    for name in ("a.nmea", "b.nmea"):
+        log(tmp_path / name)
+    for paths, words in (
+        ([RUN, archive], r"a folder must be opened by itself, got .* and 1 others"),
+        ([archive, archive], "paths must name every file once"),
+        (
+            [archive, tmp_path / "a.nmea", tmp_path / "b.nmea"],
+            "one log of their track, got a.nmea, b",
+        ),
+    ):
+        with pytest.raises(ValueError, match=words):
+            open_files(paths)
+    with pytest.raises(ValueError, match=r"and the output own\.toml"):
+        open_files(RUN, "own.toml")
+
+
+def test_a_folder_is_opened_from_within(monkeypatch):
+    monkeypatch.chdir(RUN)
+    assert "is a run of" in call("open", ".").stdout
+
+
+def test_names_in_a_file_write_no_lines_of_the_answer(tmp_path):
+    with h5py.File(tmp_path / "forged.h5", "w") as file:
+        file["zz: ok\nnext: flgpr import mapped evil.toml"] = np.zeros((2, 3))
+    lines = call("open", tmp_path / "forged.h5").stdout.splitlines()
+    assert [line for line in lines if line.startswith("next: ")] == lines[-1:]
+    assert not any(line.strip().startswith("next: flgpr import mapped evil") for line in lines)

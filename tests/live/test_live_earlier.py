@@ -226,3 +226,13 @@ def test_what_cannot_go_together_is_refused_with_what_to_change(home, today, bef
         start(today, other)
     with pytest.raises(ValueError, match="run before must have the polarizations HH, VV, HV"):
         start(today, before.sel(polarization=["HV"]))
+
+
+def test_an_earlier_drive_that_tells_nothing_is_refused_before_the_first_scan(home, before):
+    save_run(before.isel(scan=slice(2)), home / "two.zarr")
+    with pytest.raises(ValueError, match=r"two.zarr: an earlier run must have 3 complete scans"):
+        LiveRun(
+            LiveOptions(
+                home / "recipe.toml", home / "two", home / "incoming", before=[home / "two.zarr"]
+            )
+        )

@@ -252,3 +252,41 @@ def test_the_socket_of_another_program_stays(tmp_path, kind):
         with pytest.raises(ValueError, match="on which another program listens: give another path"):
             SocketWatch(path, Inbox())
         assert path.is_socket()
+
+
+def test_the_end_of_another_run_ends_nothing_and_is_told(live):
+    path, ended = live
+    other = describe_for_live(make_lane_run(scans=2).isel(frequency=slice(1, None)))
+    assert other.run_id != DESCRIPTION.run_id
+    with sending(path, DESCRIBED) as radar:
+        with sending(path, encode_frame("run", other.as_json()) + encode_frame("end", {})):
+            wait_for(lambda: "this run goes on" in (path.parent / "out" / "live.jsonl").read_text())
+        radar.sendall(SCAN + encode_frame("end", {}))
+        counts, lines, _ = ended()
+    assert counts["warm_up"] == 1
+    words = [line["words"] for line in lines if line["event"] == "problem"]
+    assert [word for word in words if "another run, or of none, ended" in word] == [
+        "a sender of another run, or of none, ended: this run goes on"
+    ]
+
+
+def test_a_description_that_is_refused_leaves_no_place_on_the_earth_behind(live):
+    """The next one is of a run with its own."""
+    path, ended = live
+    here, there = (
+        {"crs": "EPSG:4326", "latitude_deg": place, "longitude_deg": 11.0, "azimuth_deg": 0.0}
+        for place in (48.0, -33.0)
+    )
+    run = make_lane_run(scans=2).assign_attrs(georeference=there)
+    refused = describe_for_live(run.sel(polarization=["HV"]))
+    taken = describe_for_live(RUN.assign_attrs(georeference=here))
+    with sending(path, encode_frame("run", refused.as_json())) as radar:
+        wait_for(lambda: '"problem"' in (path.parent / "out" / "live.jsonl").read_text())
+        radar.sendall(
+            encode_frame("run", taken.as_json()) + first_scan(RUN.assign_attrs(georeference=here))
+        )
+        radar.sendall(encode_frame("end", {}))
+        _, lines, _ = ended()
+    assert [line["georeference"]["latitude_deg"] for line in lines if "georeference" in line] == [
+        48.0
+    ]

@@ -523,3 +523,20 @@ def test_a_source_that_fails_ends_the_run_with_its_files(home, tmp_path, monkeyp
     assert (
         (tmp_path / "out" / "live.jsonl").read_text().splitlines()[-1].startswith('{"event":"end"')
     )
+
+
+def test_a_lane_that_no_scan_sees_is_no_clear_road(home, tmp_path, caplog):
+    caplog.set_level("INFO", "flgpr.notes")
+    (tmp_path / "far.toml").write_text("x_min = -1\nx_max = 1\ny_min = 200\ny_max = 220\n")
+    LiveRun(options(home, tmp_path / "out", lane=tmp_path / "far.toml")).run()
+    unseen = "no scan saw the lane, y 200 to 220 m: nothing is said of it"
+    assert unseen in [line.get("words") for line in events(tmp_path / "out", "problem")]
+    assert unseen in caplog.text
+
+
+def test_a_lane_beside_the_run_view_is_refused(home, tmp_path):
+    (tmp_path / "aside.toml").write_text("x_min = 40\nx_max = 42\ny_min = 0\ny_max = 20\n")
+    with pytest.raises(
+        ValueError, match=r"lane must reach into the run-view, x .* got x 40 to 42 m"
+    ):
+        LiveRun(options(home, tmp_path / "out", lane=tmp_path / "aside.toml")).run()

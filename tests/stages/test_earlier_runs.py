@@ -198,3 +198,14 @@ def test_the_stage_is_the_last_of_any_recipe_and_stands_once(name):
 def test_a_recipe_made_for_a_run_takes_the_stage_beside_its_own():
     text = 'name = "a"\nclutter = [{stage = "early"}]\n'
     assert with_earlier(text) == 'name = "a"\nclutter = [{stage = "early"}, {stage = "earlier"}]\n'
+
+
+def test_heights_over_the_sea_make_no_endless_ground(drives):
+    before, today = drives
+    high = before.copy(deep=True)
+    high["pose"].values[:, 2] += 300
+    wide = parse_recipe(recipe().replace("margin = 0.5\n", ""))
+    with pytest.raises(
+        ValueError, match=r"margin of the stage earlier must leave at most .* got 302 m"
+    ):
+        ImagedRun(today, wide, LANE, others={"before": high})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from flgpr.commands.options import OneOrMorePaths, PathLike, one_or_more, output_option
 from flgpr.commands.shell import Arguments, command
+from flgpr.model.printable import printable
 
 if TYPE_CHECKING:
     from flgpr.formats.draft_roles import Roles
@@ -35,18 +37,18 @@ class Opened:
 
 def _lines(opened: Opened, _: Arguments) -> Iterator[str | Path]:
     """Yield the answer, the questions, what the files hold, what was written, and what is next."""
-    yield opened.answer
+    yield printable(opened.answer)
     yield ""
     for number, question in enumerate(opened.questions, 1):
-        yield f"  {number}. {question}"
+        yield f"  {number}. {printable(question)}"
     if opened.questions:
         yield ""
     for line in opened.lines:
-        yield f"  {line}"
+        yield f"  {printable(line)}"
     for path in (opened.mapping, opened.picture):
         if path is not None:
             yield path
-    yield f"next: {opened.next}"
+    yield f"next: {printable(opened.next)}"
 
 
 @command(lines=_lines, as_json=True, quiet=False)
@@ -80,16 +82,26 @@ def open_files(
     """
     files = [Path(path) for path in one_or_more(paths)]
     first = files[0]
+    folders = [path for path in files if path.is_dir()]
+    if folders and (len(files) > 1 or output is not None):
+        beside = f"{len(files) - 1} others" if len(files) > 1 else f"the output {output}"
+        raise ValueError(f"a folder must be opened by itself, got {folders[0]} and {beside}")
+    if folders:
+        return _opened_run(first)
+    again = [path for path, count in Counter(path.resolve() for path in files).items() if count > 1]
+    if again:
+        raise ValueError(f"paths must name every file once, got {again[0]} again")
     mapping = Path(first.with_suffix(".toml").name) if output is None else Path(output)
     if mapping.suffix != ".toml":
         raise ValueError(f"output must end in .toml, got {mapping}")
-    if first.is_dir():
-        return _opened_run(first)
     from flgpr.commands.importing import check_parent_folder
     from flgpr.formats.reader import is_recording
 
     check_parent_folder(mapping)
     logs = [path for path in files if _is_log(path)]
+    if len(logs) > 1 and len(files) > len(logs):
+        names = ", ".join(path.name for path in logs)
+        raise ValueError(f"arrays must come with one log of their track, got {names}")
     if logs and len(files) > len(logs):
         arrays = [path for path in files if path not in logs]
         return _opened_arrays(arrays, mapping, logs)

@@ -118,6 +118,12 @@ class LiveDetector:
         if self.lane is None and recipe.lane is not None:
             self.lane = recipe.lane.lane()
         check_causal(recipe)
+        left, right = recipe.run_view.x
+        if self.lane is not None and (self.lane.x_max <= left or self.lane.x_min >= right):
+            raise ValueError(
+                f"lane must reach into the run-view, x {left:g} to {right:g} m, got x "
+                f"{self.lane.x_min:g} to {self.lane.x_max:g} m"
+            )
         check_channels(recipe, description.polarization, description.frequency)
         unlearnt(recipe, self.model)
 
@@ -165,6 +171,7 @@ class LiveDetector:
         if self.earlier is not None:
             self.earlier.begin()
         self.first_pose: FloatArray | None = None
+        self.saw_lane = self.lane is None  # whether a scan could see some of a given lane
         self.history: list[CleanedImages] = []  # of scans that still see ground ahead
         # features of the latest alarms, from all of these scans
         self._sums: AlarmSums | None = None
@@ -286,8 +293,11 @@ class LiveDetector:
     def _take(self, scan: Scan) -> LiveUpdate:
         """Take in a scan whose pose is trusted."""
         pose = np.asarray(scan.pose, np.float64)
-        if self._reach(pose)[1] < self.closed:
+        low, high = self._reach(pose)
+        if high < self.closed:
             return LiveUpdate("late", [])
+        if self.lane is not None and low <= self.lane.y_max and high >= self.lane.y_min:
+            self.saw_lane = True
         if self.newest is not None:
             moved = np.hypot(*(pose[:2] - self.newest[1][:2]))
             if moved < self.settings.least_step:

@@ -72,6 +72,7 @@ class FrameStream:
             _LARGEST_DESCRIPTION  # as ``largest``, by the description that the sender sent
         )
         self._buffer = bytearray()
+        self._run_id = ""  # of the run that the sender described last
         self._usual = 0  # bytes of the largest good frame so far
         # whether we are between a bad frame, which was reported, and the next beginning
         self._lost = False
@@ -116,11 +117,12 @@ class FrameStream:
             description = {key: value for key, value in frame.header.items() if key != "kind"}
             # A description that is not valid is reported by whoever takes it.
             with contextlib.suppress(ScanFileError):
-                largest = largest_frame(parse_description(description))
-                self._described = max(largest, _LARGEST_DESCRIPTION)
+                run = parse_description(description)
+                self._described = max(largest_frame(run), _LARGEST_DESCRIPTION)
+                self._run_id = run.run_id
             return Arrival("run", SOCKET, now, value=description), size
         if frame.kind == "end":
-            return Arrival("end", SOCKET, now), size
+            return Arrival("end", SOCKET, now, value=self._run_id), size
         return Arrival("frame", SOCKET, now, data), size
 
     def _checked_size(self) -> int:

@@ -74,7 +74,7 @@ from flgpr.model import Lane, complete_scans
 from flgpr.model.vehicle import Vehicle
 from flgpr.recipe.make import fit_recipe, with_earlier
 from flgpr.recipe.schema import Recipe, parse_recipe, recipe_text
-from flgpr.stages.earlier import BEFORE, before_names
+from flgpr.stages.earlier import BEFORE, before_names, check_earlier
 from flgpr.store import (
     RunDescription,
     Scan,
@@ -104,6 +104,7 @@ _REHEARSED = 3  # scans of each earlier drive before the first scan of today, th
 _MOST_LATENCIES = 10_000  # of which percentiles are reported
 # Counts of what is as it should be; the others are faults.
 _NO_FAULT = ("received", "taken", "warm_up")
+_ANOTHER_END = "a sender of another run, or of none, ended: this run goes on"
 # By whether no earlier drive covers the road.
 _COVER = {
     True: "no earlier drive lies near from here on: nothing is subtracted, what is old stands out, too",
@@ -147,6 +148,7 @@ class LiveRun:
         self._of_before: list[Finding] = []  # what is wrong with earlier drives
         for name, path in zip(names, options.before, strict=True):
             run = open_run(path)
+            check_earlier(run, path)
             health = health_of_run(run)
             self._before[name] = without(run, health.left_out)
             self._of_before += [finding.of_run(name) for finding in health.findings]
@@ -312,8 +314,10 @@ class LiveRun:
             if arrival.kind == "failed":
                 return arrival
             if arrival.kind == "end":
-                return None
-            if arrival.kind == "run":
+                if not self._is_of_another(arrival):
+                    return None
+                events.append([problem_event(arrival.name, _ANOTHER_END)])
+            elif arrival.kind == "run":
                 self._take_description(arrival, events)
             elif self._take_frame(arrival, events):
                 scans_since_snapshot += 1
@@ -355,6 +359,11 @@ class LiveRun:
                 raise ValueError(f"{arrival.name}: {error}") from None
             events.append([problem_event(arrival.name, str(error))])
 
+    def _is_of_another(self, arrival: Arrival) -> bool:
+        """Return whether the end comes from a sender that did not describe this run."""
+        described = "" if self._intake is None else self._intake.description.run_id
+        return arrival.name == SOCKET and arrival.value != described
+
     def _describe(
         self, description: RunDescription, events: EventFile, snapshot: Snapshot | None
     ) -> None:
@@ -363,8 +372,6 @@ class LiveRun:
         Without a recipe the detector is built when a scan with a pose has come, see
         :meth:`_fit_recipe`, unless an earlier process has made one.
         """
-        self.inbox.largest = largest_frame(description)
-        self._use_own_anchor(description, events)
         recipe = self._recipe
         if recipe is None and not self.options.fresh:
             made_before = Folder(self.output).read_if_listed(RECIPE_FILE)
@@ -377,9 +384,12 @@ class LiveRun:
             )
         if recipe is None:
             self._intake = Intake(description)
-            return
-        intake = Intake(description, limits=recipe.motion)
-        self._build(recipe, intake, events, snapshot)
+        else:
+            intake = Intake(description, limits=recipe.motion)
+            self._build(recipe, intake, events, snapshot)
+        # Only of a description that is taken: another one leaves nothing behind.
+        self.inbox.largest = largest_frame(description)
+        self._use_own_anchor(description, events)
 
     def _use_own_anchor(self, description: RunDescription, events: EventFile) -> None:
         """Use the georeference that a run is described with, unless an anchor was given."""
@@ -576,6 +586,13 @@ class LiveRun:
         if self._frames >= 2:
             rate = (self._frames - 1) / (self._moments[-1] - self._moments[0])
         report = LiveReport(counts, latency_percentiles(self._latency), len(table), rate)
+        if not detector.saw_lane and self._frames and detector.lane is not None:
+            lane = detector.lane
+            unseen = (
+                f"no scan saw the lane, y {lane.y_min:g} to {lane.y_max:g} m: nothing is said of it"
+            )
+            events.append([problem_event("lane", unseen)])
+            log_note(unseen)
         if detector.earlier is not None:
             fit = detector.earlier.sentences()
             events.append([problem_event(BEFORE, sentence) for sentence in fit])

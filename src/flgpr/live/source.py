@@ -47,7 +47,8 @@ class Arrival:
     """A description, a frame, the end, or an error that ends the watch.
 
     It came from ``name`` at ``when``, s since 1970. A frame that breaks the format has its
-    ScanFileError as ``value`` in place of ``data``.
+    ScanFileError as ``value`` in place of ``data``; the end by a sender has the ``run_id`` of the
+    run that it described.
     """
 
     kind: Literal["run", "frame", "end", "failed"]

@@ -227,6 +227,7 @@ def _restore(
     detector.density.final_area = float(header["scalars"]["seen_area"])
     detector.previous_pose = pose_of(header["before"])
     detector.first_pose = pose_of(header["first_pose"])
+    detector.saw_lane = detector.saw_lane or detector.first_pose is not None
     detector.newest = None
     if header["newest"] is not None:
         number, pose = header["newest"]

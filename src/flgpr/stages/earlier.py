@@ -20,7 +20,7 @@ from flgpr.clutter import predicted, subtract_standing
 from flgpr.engine import Accumulator, PlannedPass, append_accumulator
 from flgpr.imaging import ScanImager
 from flgpr.jit.threads import blas_on_one_thread
-from flgpr.model import Grid
+from flgpr.model import Grid, complete_scans
 from flgpr.stages import ClutterStage, Positive, Table
 from flgpr.stages.earlier_ground import (
     EarlierDrive,
@@ -40,6 +40,18 @@ BEFORE = "before"
 """Name of an earlier run in ``others``; of several runs each has it with a number, ``before-2``."""
 
 
+_LEAST_SCANS = 3  # of an earlier drive: the median of fewer holds as much ground as vehicle
+
+
+def check_earlier(run: xr.Dataset, what: object) -> None:
+    """Refuse an earlier run, called ``what``, with too few scans to tell what stood still."""
+    complete = int(complete_scans(run).sum())
+    if complete < _LEAST_SCANS:
+        raise ValueError(
+            f"{what}: an earlier run must have {_LEAST_SCANS} complete scans or more, got {complete}"
+        )
+
+
 def before_names(count: int) -> list[str]:
     """Return the names of so many earlier runs."""
     return [BEFORE if number == 1 else f"{BEFORE}-{number}" for number in range(1, count + 1)]
@@ -54,7 +66,6 @@ _REFINED = "earlier.refined"
 _MATCH = "earlier.match"
 _MOST = StandingSettings().most
 _REFINING = 32  # scans, spread over the run, whose ground is taken out before their median is taken
-_LEAST_THEN = 3  # scans of an earlier drive: the median of fewer holds as much ground as vehicle
 _SAME_PLACE = 1e-3  # m, by which antennas of two drives lie apart at most where they are the same
 _KEPT = 256e6  # bytes of fitted ground, and of predictions, that are kept from pass to pass
 
@@ -139,6 +150,7 @@ class EarlierRuns(ClutterStage):
                 f"{own_tones[0]:.6g} to {own_tones[-1]:.6g} Hz, got {len(tones)} from "
                 f"{tones[0]:.6g} to {tones[-1]:.6g} Hz"
             )
+        check_earlier(run, f"run {name}")
         chosen = run.sel(polarization=labels)
         return ScanImager(chosen, own.grid, own.subbands, own.window, own.tolerance, own.device)
 
@@ -168,7 +180,7 @@ class EarlierRuns(ClutterStage):
                 scans,
                 _REFINING,
                 partial(self._without_ground_of_today, drive),
-                least=_LEAST_THEN,
+                least=_LEAST_SCANS,
             )
             for drive in self._drives
         ]

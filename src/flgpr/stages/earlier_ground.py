@@ -21,6 +21,7 @@ from flgpr.stages.standing import StandingSettings, spread_scans
 from flgpr.types import Arrays, ComplexArray, FloatArray, floats
 
 _PARTS = 8  # of the band, in each of which what a model says of a scan has a gain of its own
+_MOST_PIXELS = 10_000_000  # of fitted ground
 _SPACING = 0.4  # of fitted ground, wavelengths of the highest tone
 _APART = 0.5  # m, least distance of the scan whose ground is taken out of another one
 
@@ -51,11 +52,18 @@ class GroundModel:
         self._band = {"whole": (float(edges[:, 0].min()), float(edges[:, 1].max()))}
         self._iterations = iterations
         near, far = float(image.y[0]), float(image.y[-1])
-        self._ground = Grid.spanning(
+        ground = Grid.spanning(
             (float(image.x[0]) - margin, float(image.x[-1]) + margin),
             (max(near - margin / 2, near / 5), far + margin / 2),
             _SPACING * SPEED_OF_LIGHT / self._band["whole"][1],
-        ).points()
+        )
+        if ground.nx * ground.ny > _MOST_PIXELS:
+            raise ValueError(
+                f"margin of the stage earlier must leave at most {_MOST_PIXELS:,} pixels of fitted "
+                f"ground, got {margin:g} m, {ground.nx * ground.ny:,} pixels; by default it is the "
+                "height of the array of the earlier runs, which must be over the ground"
+            )
+        self._ground = ground.points()
 
     def fit(self, imager: ScanImager, pose: FloatArray, data: ComplexArray) -> ComplexArray:
         """Return the ground (polarization, 1, y, x) that explains the data of a scan at a pose."""
