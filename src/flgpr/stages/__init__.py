@@ -50,7 +50,21 @@ class Setup:
 
     def pose(self, index: int) -> FloatArray:
         """Return the pose (6,) of the scan at an index among the complete ones."""
-        return floats(self.run["pose"].values[self.imager.scans[index]])
+        return floats(self.run["pose"].values[self.scan(index)])
+
+    def scan(self, index: int) -> int:
+        """Return the number in the run of the scan at an index among the complete ones."""
+        return int(self.imager.scans[index])
+
+    def signal(self, index: int) -> ComplexArray:
+        """Return the measured data of the scan at an index."""
+        return self.imager.signal(self.scan(index))
+
+    @property
+    def imaged_labels(self) -> list[str]:
+        """Labels of the polarizations that are imaged."""
+        labels = self.run["polarization"].values
+        return [str(labels[number]) for number in self.imaged]
 
 
 class Stage:
