@@ -26,6 +26,11 @@ if TYPE_CHECKING:
     from flgpr.model import Grid, Lane
 
 
+def scan_bytes(sizes: Mapping[str, int]) -> float:
+    """Return the bytes of the data of a scan of a run, by the lengths of the run's dimensions."""
+    return 8.0 * sizes["polarization"] * sizes["pair"] * sizes["frequency"]
+
+
 class Table(Entries):
     """A table of a recipe: it refuses unknown entries, and its numbers have bounds."""
 
@@ -195,6 +200,10 @@ class ClutterStage(Stage):
     before: Callable[[int, int], ComplexArray]
     """Data of the scans up to an index, as the stages before leave it: ``before(index, count)``."""
 
+    def data_before(self, index: int) -> ComplexArray:
+        """Return the data of the scan at an index, as the stages before leave it."""
+        return self.before(index, 1)[0]
+
     def clean(self, index: int, data: ComplexArray) -> ComplexArray:
         """Return the cleaned data of a scan.
 
@@ -224,7 +233,7 @@ class ClutterStage(Stage):
         """
         cleaned = []
         for scan_index in range(max(index - count + 1, 0), index + 1):
-            cleaned.append(self.clean(scan_index, self.before(scan_index, 1)[0]))
+            cleaned.append(self.clean(scan_index, self.data_before(scan_index)))
         return np.stack(cleaned)
 
     def of_image(self, index: int, image: xr.DataArray) -> xr.DataArray:  # noqa: ARG002

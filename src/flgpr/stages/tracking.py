@@ -36,9 +36,8 @@ class Tracking(FeatureStage):
     def __init__(self, settings: Any, setup: Setup, learnt: Arrays | None = None) -> None:
         super().__init__(settings, setup, learnt)
         imager = setup.imager
-        labels = imager.run["polarization"].values
-        imaged = [str(labels[number]) for number in setup.imaged]
-        polarization = _index_of("tracking.polarization", settings.polarization, imaged)
+        labels = setup.imaged_labels
+        polarization = _index_of("tracking.polarization", settings.polarization, labels)
         subband = _index_of("tracking.subband", settings.subband, list(imager.subbands))
         self._channel = (polarization, subband)
 
