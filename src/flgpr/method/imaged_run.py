@@ -38,7 +38,7 @@ from flgpr.recipe.schema import Recipe, as_imaged
 from flgpr.recipe.tables import ImageTable
 from flgpr.screen import view_array
 from flgpr.screen.views import pixels_at, reached_rows
-from flgpr.stages import FeatureStage, MapStage, ScreenStage, Setup, Stage
+from flgpr.stages import FeatureStage, MapStage, ScreenStage, Setup, Stage, measured, scan_number
 from flgpr.stages.named import make_clutter_stages, make_stages
 from flgpr.types import AnyArray, ComplexArray, Entries, FloatArray, floats
 
@@ -236,7 +236,7 @@ class ImagedRun:
 
     def _summed_image(self, index: int, rows: int | None) -> xr.DataArray:
         """Return the coherent mean of the images of the last scans up to an index."""
-        scan = self.setup.scan(index)
+        scan = scan_number(self.setup, index)
         if self.plain:
             return self.imager.image(scan, None, rows)
         frames = self._data(index, self.setup.summed)[:, self.setup.imaged]
@@ -247,7 +247,7 @@ class ImagedRun:
         points = scan_to_lane(self.imager.grid.points(), self.setup.pose(index))
         total = self.imager.operator(scan).adjoint(frames[-1])
         for back, frame in enumerate(frames[-2::-1], 1):
-            earlier = self.setup.scan(index - back)
+            earlier = scan_number(self.setup, index - back)
             places = lane_to_scan(points, self.setup.pose(index - back))
             operator = self.imager.operator_on(earlier, places, self.imager.subbands)
             total += operator.adjoint(frame)
@@ -263,7 +263,7 @@ class ImagedRun:
     def _raw(self, index: int, count: int) -> ComplexArray:
         """Return the measured data of the last ``count`` scans up to an index."""
         indices = range(max(index - count + 1, 0), index + 1)
-        return np.stack([self.setup.signal(one) for one in indices])
+        return np.stack([measured(self.setup, one) for one in indices])
 
     # Cleaned images: they need the result of the pass "gain"
 
@@ -313,7 +313,7 @@ class ImagedRun:
             With the scan's number and pose.
         """
         if self.reads_data:
-            return self.near_imager.image(self.setup.scan(index), data)
+            return self.near_imager.image(scan_number(self.setup, index), data)
         return self.scan_image(index).isel(y=slice(self.near.ny))
 
     def coherent(self, index: int) -> xr.DataArray:

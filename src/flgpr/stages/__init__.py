@@ -55,21 +55,23 @@ class Setup:
 
     def pose(self, index: int) -> FloatArray:
         """Return the pose (6,) of the scan at an index among the complete ones."""
-        return floats(self.run["pose"].values[self.scan(index)])
+        return floats(self.run["pose"].values[self.imager.scans[index]])
 
-    def scan(self, index: int) -> int:
-        """Return the number in the run of the scan at an index among the complete ones."""
-        return int(self.imager.scans[index])
 
-    def signal(self, index: int) -> ComplexArray:
-        """Return the measured data of the scan at an index."""
-        return self.imager.signal(self.scan(index))
+def scan_number(setup: Setup, index: int) -> int:
+    """Return the number in the run of the scan at an index among the complete ones."""
+    return int(setup.imager.scans[index])
 
-    @property
-    def imaged_labels(self) -> list[str]:
-        """Labels of the polarizations that are imaged."""
-        labels = self.run["polarization"].values
-        return [str(labels[number]) for number in self.imaged]
+
+def measured(setup: Setup, index: int) -> ComplexArray:
+    """Return the measured data of the scan at an index."""
+    return setup.imager.signal(scan_number(setup, index))
+
+
+def imaged_labels(setup: Setup) -> list[str]:
+    """Return the labels of the polarizations that are imaged."""
+    labels = setup.run["polarization"].values
+    return [str(labels[number]) for number in setup.imaged]
 
 
 class Stage:
@@ -200,7 +202,7 @@ class ClutterStage(Stage):
     before: Callable[[int, int], ComplexArray]
     """Data of the scans up to an index, as the stages before leave it: ``before(index, count)``."""
 
-    def data_before(self, index: int) -> ComplexArray:
+    def _data_before(self, index: int) -> ComplexArray:
         """Return the data of the scan at an index, as the stages before leave it."""
         return self.before(index, 1)[0]
 
@@ -233,7 +235,7 @@ class ClutterStage(Stage):
         """
         cleaned = []
         for scan_index in range(max(index - count + 1, 0), index + 1):
-            cleaned.append(self.clean(scan_index, self.data_before(scan_index)))
+            cleaned.append(self.clean(scan_index, self._data_before(scan_index)))
         return np.stack(cleaned)
 
     def of_image(self, index: int, image: xr.DataArray) -> xr.DataArray:  # noqa: ARG002

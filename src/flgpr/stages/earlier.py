@@ -21,7 +21,7 @@ from flgpr.engine import Accumulator, PlannedPass, append_accumulator
 from flgpr.imaging import ScanImager
 from flgpr.jit.threads import blas_on_one_thread
 from flgpr.model import Grid
-from flgpr.stages import ClutterStage, Positive, Table, scan_bytes
+from flgpr.stages import ClutterStage, Positive, Table, imaged_labels, scan_bytes
 from flgpr.stages.earlier_ground import (
     EarlierDrive,
     FittedGround,
@@ -125,7 +125,7 @@ class EarlierRuns(ClutterStage):
     def _imager(self, name: str, run: xr.Dataset) -> ScanImager:
         """Return the imager of a run on this run's pixels."""
         own = self.setup.imager
-        labels = self.setup.imaged_labels
+        labels = imaged_labels(self.setup)
         lacking = [label for label in labels if label not in run["polarization"].values]
         if lacking:
             raise ValueError(
@@ -161,7 +161,7 @@ class EarlierRuns(ClutterStage):
         is fitted it is taken out first, today's and then that of the earlier drives.
         """
         scans = len(self.setup.imager)
-        own = standing_pass(STANDING, scans, _MOST, self.data_before)
+        own = standing_pass(STANDING, scans, _MOST, self._data_before)
         match = PlannedPass(_MATCH, "match with earlier drives", self._match, all_scans=True)
         if not self.settings.iterations:
             return [own, match]
@@ -185,7 +185,7 @@ class EarlierRuns(ClutterStage):
 
     def _without_earlier_ground(self, index: int) -> ComplexArray:
         """Return the data of a scan less what earlier drives say of its ground."""
-        data = self.data_before(index).copy()
+        data = self._data_before(index).copy()
         imaged = self.setup.imaged
         cleaned = self.clean(index, data)[imaged]
         ground = self.ground_in(cleaned, self.setup.pose(index))

@@ -20,7 +20,7 @@ from flgpr.engine import Accumulator, sum_accumulator
 from flgpr.model import Grid, Sensor, scan_to_lane
 from flgpr.model.bounds import AtLeastOne, NotNegative, Spacing
 from flgpr.screen.views import pixels_at
-from flgpr.stages import MapStage, Positive, Setup, Table
+from flgpr.stages import MapStage, Positive, Setup, Table, imaged_labels
 from flgpr.stages.body_signatures import (
     OWN_ARRAY,
     Bodies,
@@ -547,7 +547,7 @@ class LikelihoodMap(MapStage):
         return Imaging(
             grid=grid,
             subbands=tuple(setup.imager.subbands.items()),
-            polarizations=tuple(setup.imaged_labels),
+            polarizations=tuple(imaged_labels(setup)),
             window=window_of(setup.imager),
             tolerance=setup.imager.tolerance,
             pixels=pixels,

@@ -6,6 +6,7 @@ One stage subtracts their response, another says how much of an alarm it explain
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -20,7 +21,7 @@ from flgpr.model.bounds import Moderate, Spacing
 from flgpr.model.run import polarizations_of
 from flgpr.screen import RunViewSums, sample_scan
 from flgpr.screen.views import sampled
-from flgpr.stages import ClutterStage, FeatureStage, Setup, Table, scan_bytes
+from flgpr.stages import ClutterStage, FeatureStage, Setup, Table, measured, scan_bytes, scan_number
 from flgpr.types import AnyArray, Arrays, ComplexArray, Entries, FloatArray
 
 MASK = "roadside"
@@ -115,7 +116,7 @@ class RoadsideModel:
 
     def image(self, index: int, data: ComplexArray) -> xr.DataArray:
         """Return the image of data of the scan at an index."""
-        return self.setup.imager.image(self.setup.scan(index), data)
+        return self.setup.imager.image(scan_number(self.setup, index), data)
 
     def notes(self) -> Entries:
         """Return the mask's size and middle, and what its brightest pixel lost.
@@ -197,7 +198,7 @@ class RoadsideModel:
         band = setup.imager.subbands[self.settings.subband]
         weight = band_weights(tones, (band,), WINDOWS["hann"])[0]
         points = lane_to_scan(self.points, setup.pose(index))
-        operator = setup.imager.operator_on(setup.scan(index), points)
+        operator = setup.imager.operator_on(scan_number(setup, index), points)
         return suppress_by_model(data, operator, self.settings.iterations, weight).data
 
     def _peak(self, index: int, data: ComplexArray) -> float:
@@ -226,7 +227,7 @@ class RoadsideSuppression(ClutterStage):
 
     def __init__(self, settings: Any, setup: Any, learnt: Arrays | None = None) -> None:
         super().__init__(settings, setup, learnt)
-        self.model = RoadsideModel(settings, setup, self.data_before)
+        self.model = RoadsideModel(settings, setup, self._data_before)
 
     @classmethod
     def memory(cls, settings: Any, sizes: Mapping[str, int], image: Grid) -> float:  # noqa: ARG003
@@ -266,7 +267,7 @@ class RoadsideShare(FeatureStage):
                 f"roadside.polarization must be one of {', '.join(labels)}, got "
                 f"{settings.polarization!r}"
             )
-        self.model = RoadsideModel(settings, setup, setup.signal)
+        self.model = RoadsideModel(settings, setup, partial(measured, setup))
 
     @classmethod
     def memory(cls, settings: Any, sizes: Mapping[str, int], image: Grid) -> float:  # noqa: ARG003
@@ -285,7 +286,7 @@ class RoadsideShare(FeatureStage):
         """Return the share of every alarm; NaN where the scan does not see it."""
         index = int(np.flatnonzero(self.setup.imager.scans == image.attrs["scan"])[0])
         channel = {"polarization": self.settings.polarization, "subband": self.settings.subband}
-        data = self.setup.signal(index)
+        data = measured(self.setup, index)
         before = self.model.image(index, data).sel(channel).values
         after = self.model.image(index, self.model.cleaned(index)).sel(channel).values
         values = np.stack([before, before - after])

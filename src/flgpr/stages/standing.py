@@ -92,7 +92,7 @@ class StandingField(ClutterStage):
     def passes(self) -> list[PlannedPass]:
         """Return the pass that estimates the field."""
         scans = len(self.setup.imager)
-        return [standing_pass("standing", scans, self.settings.most, self.data_before)]
+        return [standing_pass("standing", scans, self.settings.most, self._data_before)]
 
     def clean(self, index: int, data: ComplexArray) -> ComplexArray:  # noqa: ARG002
         """Return the data without the field."""

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 import xarray as xr
 
-from flgpr.stages import FeatureStage, Positive, Setup, Table
+from flgpr.stages import FeatureStage, Positive, Setup, Table, imaged_labels
 from flgpr.types import Arrays, Float32Array, FloatArray
 
 
@@ -36,7 +36,7 @@ class Tracking(FeatureStage):
     def __init__(self, settings: Any, setup: Setup, learnt: Arrays | None = None) -> None:
         super().__init__(settings, setup, learnt)
         imager = setup.imager
-        labels = setup.imaged_labels
+        labels = imaged_labels(setup)
         polarization = _index_of("tracking.polarization", settings.polarization, labels)
         subband = _index_of("tracking.subband", settings.subband, list(imager.subbands))
         self._channel = (polarization, subband)

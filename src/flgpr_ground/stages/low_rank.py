@@ -43,7 +43,7 @@ class LowRank(StandingField):
         """Return the pass that finds the subspaces."""
         scans = len(self.setup.imager)
         return [
-            standing_pass("low-rank", scans, self.settings.most, self.data_before, self._subspaces)
+            standing_pass("low-rank", scans, self.settings.most, self._data_before, self._subspaces)
         ]
 
     def clean(self, index: int, data: ComplexArray) -> ComplexArray:  # noqa: ARG002

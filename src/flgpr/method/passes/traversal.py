@@ -20,7 +20,7 @@ import xarray as xr
 from flgpr.engine import Accumulator, PlannedPass, bundle_groups, group_of
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.steps import CleanedImages
-from flgpr.stages import FeatureStage
+from flgpr.stages import FeatureStage, measured
 from flgpr.stages.named import Named
 from flgpr.store import sha256
 from flgpr.types import AnyArray, Arrays, ComplexArray, Entries, Float32Array, FloatArray, floats
@@ -44,7 +44,7 @@ class ImagedScan:
         """
         lane = self._lane
         if lane.reads_data_once:
-            return lane.setup.signal(self.index)
+            return measured(lane.setup, self.index)
         return None
 
     @cached_property
