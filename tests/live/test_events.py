@@ -112,11 +112,12 @@ def test_the_event_of_the_start_says_what_is_searched():
     recipe = SimpleNamespace(name="own", prescreen=prescreen)
     grid = {"dx": 0.1}
     detector = SimpleNamespace(recipe=recipe, lane=None, earlier=None, view_grid=lambda: grid)
-    event = start_event("a drive", detector, None, Vehicle(threshold=0.5))
+    detector.description = SimpleNamespace(title="a drive")
+    event = start_event(detector, None, Vehicle(threshold=0.5))
     assert (event["title"], event["recipe"], event["threshold"]) == ("a drive", "own", 0.5)
     assert event["channel"] == ["HH", "F1"]
     assert event["lane"] is None
     assert event["vehicle"]["front"] == Vehicle().front
     detector.lane = Lane(-1.0, 1.0, 0.0, 9.0)
-    borders = start_event("a drive", detector, None, Vehicle(threshold=0.5))["lane"]
+    borders = start_event(detector, None, Vehicle(threshold=0.5))["lane"]
     assert borders == {"x_min": -1.0, "x_max": 1.0, "y_min": 0.0, "y_max": 9.0}

@@ -26,6 +26,7 @@ from flgpr.method.unlike import (
     tail_of,
     why_not,
 )
+from flgpr.model import Grid
 from flgpr.stages.textured_clutter import SHAPES, shape_counts
 
 SIZE = 6
@@ -130,15 +131,15 @@ def test_scans_are_looked_at_at_even_distances_and_counted_by_size():
 
 def test_the_level_tells_a_step_in_range_and_no_bright_target():
     gain = np.ones((1, 2, 40, 30))
-    columns = np.ones(30, bool)
-    plain = level_profile(gain, 10, columns)
+    grid, across = Grid(-1.5, 4.0, 30, 40, 0.1, 0.1), (-5.0, 5.0)
+    plain = level_profile(gain, grid, across)
     assert plain.shape == (2, 4)
     bright = gain.copy()
     bright[:, :, 12:15, 10:14] = 100.0
-    np.testing.assert_allclose(level_profile(bright, 10, columns), plain)
+    np.testing.assert_allclose(level_profile(bright, grid, across), plain)
     echo = gain.copy()
     echo[:, :, :10] *= 10.0  # 20 dB in the first metre
-    step = level_profile(echo, 10, columns) - plain
+    step = level_profile(echo, grid, across) - plain
     np.testing.assert_allclose(step[:, 0] - step[:, 1], 20.0)
 
 

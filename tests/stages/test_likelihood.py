@@ -1,7 +1,5 @@
 """The map of likelihoods: what it learns of clutter and of simulated bodies, and what it finds."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,6 +9,7 @@ from pydantic import ValidationError
 from flgpr.imaging import ScanImager
 from flgpr.model import Grid, Lane, load_sensor
 from flgpr.simulate import ALONE, BARE, Scene, Simulator
+from flgpr.stages import Setup
 from flgpr.stages.likelihood import LikelihoodMap, LikelihoodSettings, contrasts
 from flgpr.stages.textured_clutter import ratio
 from systems.lanes import SENSOR
@@ -45,9 +44,9 @@ def run(tmp_path_factory):
 def stage_of(run, learnt=None, **entries):
     data, file = run
     level = {"gains": np.ones((1, 4, 2)), "gain": np.ones((4, 2, GRID.ny, GRID.nx))}
-    setup = SimpleNamespace(
-        run=data, images=GRID, view=GRID, lane=LANE, imaged=[0, 1, 2, 3], results={"gain": level},
-        imager=ScanImager(data, GRID, BANDS, "hann"),
+    setup = Setup(
+        run=data, others={}, images=GRID, view=GRID, lane=LANE, imaged=[0, 1, 2, 3], summed=1,
+        imager=ScanImager(data, GRID, BANDS, "hann"), results={"gain": level},
     )  # fmt: skip
     table = LikelihoodSettings(
         **{"sensor": str(file), "copies": 3, "soils": ((3.0, 0.01),)} | entries

@@ -8,6 +8,7 @@ import xarray as xr
 
 from flgpr.method.method import detect
 from flgpr.recipe.schema import parse_recipe
+from flgpr.stages import Setup
 from flgpr.stages.tracking import Tracking, TrackingSettings
 from small_lane import LANE, TARGETS, small_recipe, small_run
 
@@ -17,9 +18,8 @@ Y = np.linspace(3, 7, 81)
 
 def stage(imaged=(0, 1), **settings):
     run = xr.Dataset(coords={"polarization": ["HH", "VV"]})
-    setup = SimpleNamespace(
-        imager=SimpleNamespace(run=run, subbands={"F1": None, "F2": None}), imaged=imaged
-    )
+    imager = SimpleNamespace(run=run, subbands={"F1": None, "F2": None})
+    setup = Setup(run, {}, LANE, imager, None, None, list(imaged), 1, {})
     return Tracking(TrackingSettings(**settings), setup)
 
 

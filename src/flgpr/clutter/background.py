@@ -182,8 +182,7 @@ def remove_background(
     ValueError
         If the image is zero or not finite.
     """
-    out = np.empty(np.shape(image), np.complex64)
     level = np.asarray(gain, np.float32)
-    v_k = _in_subbands(image)
-    clean(subtract_and_divide, v_k, scan_gain(image), _in_subbands(signature), level, out)
-    return out
+    v_k, B1 = _in_subbands(image), _in_subbands(signature)
+    cleaned = clean(subtract_and_divide, np.complex64, v_k, scan_gain(image), B1, level)
+    return cleaned.reshape(np.shape(image))

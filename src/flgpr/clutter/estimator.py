@@ -75,9 +75,8 @@ class Background:
         (polarization, subband, rows, x) ndarray of float32
             Cleaned magnitudes.
         """
-        out = np.empty(_shape_of_rows(image, rows), np.float32)
-        clean(magnitude_over_background, image, gain, self.signature, self.gain, out)
-        return out
+        kernel = magnitude_over_background
+        return clean(kernel, np.float32, image, gain, self.signature, self.gain, rows)
 
     def own_coherent(
         self, image: ComplexArray, gain: FloatArray, rows: int | None = None
@@ -86,9 +85,8 @@ class Background:
 
         The modulus is :meth:`magnitude`, whose parameters it takes.
         """
-        out = np.empty(_shape_of_rows(image, rows), np.complex64)
-        clean(subtract_and_divide, image, gain, self.signature, self.gain, out)
-        return out
+        kernel = subtract_and_divide
+        return clean(kernel, np.complex64, image, gain, self.signature, self.gain, rows)
 
     def coherent(
         self, image: ComplexArray, gain: FloatArray, rows: int | None = None
@@ -97,17 +95,9 @@ class Background:
 
         The parameters are those of :meth:`magnitude`.
         """
-        out = np.empty(_shape_of_rows(image, rows), np.complex64)
+        kernel, level = subtract_and_divide, self.shared_gain
         shared = np.broadcast_to(shared_gain(gain), gain.shape)
-        clean(subtract_and_divide, image, shared, self.shared_signature, self.shared_gain, out)
-        return out
-
-
-def _shape_of_rows(image: ComplexArray, rows: int | None) -> tuple[int, ...]:
-    """Return the shape of the nearest rows of an image, by default of all."""
-    available = image.shape[-2]
-    count = available if rows is None else min(rows, available)
-    return (*image.shape[:-2], count, image.shape[-1])
+        return clean(kernel, np.complex64, image, shared, self.shared_signature, level, rows)
 
 
 def shared_gain(gain: FloatArray) -> FloatArray:
@@ -162,8 +152,7 @@ class BackgroundEstimator:
         self._scaled: list[ComplexArray] = []  # images over their gains, for the median
         self.gains: list[FloatArray] = []
         self._shape: tuple[int, ...] | None = None
-        self._signature: ComplexArray | None = None
-        self._shared_signature: ComplexArray | None = None
+        self._signatures: tuple[ComplexArray, ComplexArray] | None = None
         self._median_total: FloatArray | None = None
         self._smoothed = 0  # scans of the second pass
 
@@ -198,8 +187,7 @@ class BackgroundEstimator:
                 limit.ravel(),
                 1 / r.ravel(),
                 np.ascontiguousarray(1 / r_shared).ravel(),
-                self._B1_total,
-                self._B1_shared_total,
+                *self._B1_totals,
             )
         elif self.method == "median":
             self._scaled.append((rows / r[..., None, None]).astype(np.complex64))
@@ -223,45 +211,48 @@ class BackgroundEstimator:
             )
         gain = self.gains[self._smoothed]
         smooth = smoothed_residual(image, gain, signature, self.median_size, self.step)
-        if self._median_total is None:
-            self._median_total = smooth
-        else:
-            self._median_total = self._median_total + smooth
-        self._smoothed += 1
+        self._add_medians(smooth, 1)
+
+    def _add_medians(self, medians: FloatArray, scans: int) -> None:
+        """Add the filtered magnitudes of scans to the sum of Eq. 4."""
+        before = self._median_total
+        self._median_total = medians if before is None else before + medians
+        self._smoothed += scans
 
     def signature(self) -> ComplexArray:
         """Return the self-signature B1 (polarization, subband, y, x) of the scans so far.
 
         There must be at least two: of a single one it would be all of the image.
         """
-        if self._signature is not None:
-            return self._signature
+        return self._both_signatures()[0]
+
+    def _both_signatures(self) -> tuple[ComplexArray, ComplexArray]:
+        """Return the self-signatures, over each channel's own gain and over the shared one."""
+        if self._signatures is not None:
+            return self._signatures
         least = 1 if self.method == "none" else 2
         if len(self.gains) < least or self._shape is None:
             scans = "one scan" if least == 1 else "two scans"
             raise ValueError(f"self-signature needs at least {scans}, got {len(self.gains)}")
         if self.method == "mean":
             N_scan = len(self.gains)
-            B1 = self._B1_total / N_scan  # Eq. 2
-            B1_shared = self._B1_shared_total / N_scan
-            self._signature = B1.astype(np.complex64).reshape(self._shape)
-            self._shared_signature = B1_shared.astype(np.complex64).reshape(self._shape)
+            B1 = (self._B1_totals / N_scan).astype(np.complex64)  # Eq. 2
+            own, shared = B1.reshape(2, *self._shape)
         elif self.method == "median":
             gains = np.stack(self.gains)
             scaled = np.stack(self._scaled)
             ratio = (gains / shared_gain(gains))[..., None, None].astype(np.float32)
-            self._signature = complex_median(scaled)
-            self._shared_signature = complex_median(scaled * ratio)
+            own = complex_median(scaled)
+            shared = complex_median(scaled * ratio)
         else:
-            self._signature = np.zeros(self._shape, np.complex64)
-            self._shared_signature = self._signature
-        return self._signature
+            own = shared = np.zeros(self._shape, np.complex64)
+        self._signatures = (own, shared)
+        return self._signatures
 
     def result(self) -> Background:
         """Return the background once both passes have seen every scan."""
-        signature = self.signature()
-        complete = self._smoothed == len(self.gains)
-        if self._median_total is None or not complete or self._shared_signature is None:
+        own, shared = self._both_signatures()
+        if self._median_total is None or self._smoothed != len(self.gains):
             raise ValueError(
                 f"add_gain must be called for all {len(self.gains)} scans, got {self._smoothed}"
             )
@@ -269,7 +260,7 @@ class BackgroundEstimator:
         medians = self._median_total / N_scan  # Eq. 4
         B2 = mean_filtered(medians, self._shape, self.mean_size, self.step)
         B2_shared = shared_level(B2, np.stack(self.gains))
-        return Background(signature, B2, self._shared_signature, B2_shared)
+        return Background(own, B2, shared, B2_shared)
 
     def first_sums(self, exact: bool = False) -> Arrays:
         """Return the sums of the first pass, which :meth:`take_first` adds to another estimator.
@@ -293,8 +284,8 @@ class BackgroundEstimator:
             sums["scaled"] = np.stack(self._scaled)
         elif self.method == "mean":
             precision = np.complex128 if exact else np.complex64
-            sums["own"] = self._B1_total.astype(precision).reshape(self._shape)
-            sums["shared"] = self._B1_shared_total.astype(precision).reshape(self._shape)
+            totals = self._B1_totals.astype(precision).reshape(2, *self._shape)
+            sums["own"], sums["shared"] = totals
         return sums
 
     def take_first(self, sums: Arrays) -> None:
@@ -307,29 +298,25 @@ class BackgroundEstimator:
                 f"image must have the shape {self._shape} of those before, got {shape}"
             )
         if self.method == "mean":
-            self._B1_total += by_channel(sums["own"])
-            self._B1_shared_total += by_channel(sums["shared"])
+            self._B1_totals[0] += by_channel(sums["own"])
+            self._B1_totals[1] += by_channel(sums["shared"])
         elif self.method == "median":
             self._scaled += list(sums["scaled"])
         self.gains += list(sums["gains"])
-        self._signature = None
+        self._signatures = None
 
     def first_result(self) -> Arrays:
         """Return what the second pass needs: ``gains``, ``signature`` and ``shared``.
 
         It needs at least two scans.
         """
-        signature = self.signature()
-        shared = self._shared_signature
-        if shared is None:
-            shared = np.zeros_like(signature)
-        return {"gains": np.stack(self.gains), "signature": signature, "shared": shared}
+        own, shared = self._both_signatures()
+        return {"gains": np.stack(self.gains), "signature": own, "shared": shared}
 
     def continue_from(self, first: Arrays, scans: slice = slice(None)) -> None:
         """Begin the second pass over ``scans`` with another's first one (:meth:`first_result`)."""
         self._shape = first["signature"].shape
-        self._signature = first["signature"]
-        self._shared_signature = first["shared"]
+        self._signatures = (first["signature"], first["shared"])
         self.gains = list(first["gains"][scans])
 
     def second_sums(self) -> Arrays:
@@ -340,19 +327,15 @@ class BackgroundEstimator:
 
     def take_second(self, sums: Arrays) -> None:
         """Add the second pass of another (:meth:`second_sums`) over the scans that follow."""
-        if self._median_total is None:
-            self._median_total = sums["median"]
-        else:
-            self._median_total = self._median_total + sums["median"]
-        self._smoothed += int(sums["count"])
+        self._add_medians(sums["median"], int(sums["count"]))
 
     def _begin(self, shape: tuple[int, ...]) -> None:
         """Allocate the sums for images (polarization, subband, y, x) of a shape."""
         self._shape = shape
         if self.method == "mean":
-            pixels = (shape[0] * shape[1], shape[2] * shape[3])
-            self._B1_total = np.zeros(pixels, np.complex128)
-            self._B1_shared_total = np.zeros(pixels, np.complex128)
+            # over each channel's own gain and over the shared one
+            pixels = (2, shape[0] * shape[1], shape[2] * shape[3])
+            self._B1_totals = np.zeros(pixels, np.complex128)
 
 
 # The steps of an estimate, of all scans (above) and of the scans so far (``causal.py``)
@@ -531,13 +514,18 @@ def _nodes(count: int, half: int, step: int) -> tuple[IntArray, IntArray]:
 
 def clean(
     kernel: Any,
+    dtype: type[np.generic],
     image: ComplexArray,
     gain: FloatArray,
     signature: ComplexArray,
     level: MagnitudeArray,
-    out: AnyArray,
-) -> None:
-    """Fill ``out`` (..., y, x) by a kernel of Eq. 5, with one gain for every channel."""
+    rows: int | None = None,
+) -> AnyArray:
+    """Return the nearest rows of an image (..., y, x), by default all, by a kernel of Eq. 5.
+
+    Every channel has one gain.
+    """
+    out = np.empty(image[..., :rows, :].shape, dtype)
     kernel(
         by_channel(image),
         gain.ravel(),
@@ -545,6 +533,7 @@ def clean(
         by_channel(level),
         by_channel(out),
     )
+    return out
 
 
 def by_channel(array: AnyArray) -> AnyArray:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from sklearn.base import BaseEstimator
@@ -11,7 +10,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from flgpr.kernels.correlate import chip_sums, correlate_bank
 from flgpr.kernels.moments import check_samples
-from flgpr.types import AnyArray, ArrayLike, BoolArray, Float32Array, FloatArray, floats
+from flgpr.types import AnyArray, ArrayLike, BoolArray, Entries, Float32Array, FloatArray, floats
 
 
 @dataclass(frozen=True)
@@ -196,7 +195,7 @@ class ChipDetector:
     #: pixels of a chip down-track and cross-track; (28, 1) is the paper's range cut
     shape: tuple[int, int]
     spacing: tuple[float, float]  #: pixel spacing down-track and cross-track, m
-    notes: dict[str, Any] = field(default_factory=dict)  #: how it was trained
+    notes: Entries = field(default_factory=dict)  #: how it was trained
 
     def __post_init__(self) -> None:
         if not self.forms:

@@ -176,14 +176,9 @@ class OneClassRelevanceVectorMachine(OutlierMixin, RelevanceMachine):  # type: i
         """Return the probability of a mine, p(mine), of samples (sample, feature)."""
         return expit(self._log_odds(X))
 
-    def predict_proba(self, X: ArrayLike) -> FloatArray:
-        """Return the probabilities of no mine and of a mine, (sample, 2)."""
-        p = expit(self._log_odds(X))
-        return np.column_stack([1 - p, p])
-
     def decision_function(self, X: ArrayLike) -> FloatArray:
         """Return the probability of a mine less ``offset_``: positive for mines."""
-        return expit(self._log_odds(X)) - self.offset_
+        return self.score_samples(X) - self.offset_
 
     def predict(self, X: ArrayLike) -> IntArray:
         """Return 1 for mines and -1 for others."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -146,6 +147,14 @@ class RelevanceMachine(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         mean, variance = self._argument(X)
         return moderate(mean, variance) if self.moderated else mean
 
+    def predict_proba(self, X: ArrayLike) -> FloatArray:
+        """Return the probabilities of the two classes (flsar2004, Eq. 4).
+
+        They are those in ``classes_``, or of one class no mine and a mine.
+        """
+        p = expit(self._log_odds(X))
+        return np.column_stack([1 - p, p])
+
     def __sklearn_tags__(self) -> Any:
         tags = super().__sklearn_tags__()
         tags.input_tags.pairwise = self._is_precomputed()
@@ -263,11 +272,6 @@ class RelevanceVectorClassifier(ClassifierMixin, RelevanceMachine):  # type: ign
         """
         return self._log_odds(X)
 
-    def predict_proba(self, X: ArrayLike) -> FloatArray:
-        """Return the probabilities of the two classes (flsar2004, Eq. 4), as in ``classes_``."""
-        p = expit(self._log_odds(X))
-        return np.column_stack([1 - p, p])
-
     def predict(self, X: ArrayLike) -> AnyArray:
         """Return the more likely class."""
         positive = self.decision_function(X) > 0
@@ -319,13 +323,12 @@ def _without(fit: SparseFit, n: int) -> SparseFit:
     """Return a model of the design without basis function n."""
     remains = fit.active != n
     active = fit.active[remains]
-    return SparseFit(
+    return replace(
+        fit,
         active=active - (active > n),
         alpha=fit.alpha[remains],
         mean=fit.mean[remains],
         covariance=fit.covariance[np.ix_(remains, remains)],
-        log_evidence=fit.log_evidence,
         n_iter=0,
         converged=False,
-        rate=fit.rate,
     )

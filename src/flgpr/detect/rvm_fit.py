@@ -102,26 +102,24 @@ def fit_sparse(
     # Rows of basis functions, contiguous, because every sum over samples runs along them.
     rows = np.ascontiguousarray(floats(design).T)
     t = np.ascontiguousarray(target, dtype=np.float64)
-    if rate == "auto":
-        ard_fit = fit_sparse(
-            design,
-            t,
-            offset=offset,
-            algorithm=algorithm,
-            n_starts=n_starts,
-            start=start,
-            tol=tol,
-            max_iter=max_iter,
-        )
-        if not len(ard_fit.alpha):
-            return ard_fit
-        rate = 2 * len(ard_fit.alpha) / float((1 / ard_fit.alpha).sum())
-        start = None if start is None else ard_fit
+    every = np.ones(len(rows), np.bool_)
+    problem = relevance.Problem(rows, relevance.single(rows), t, offset, every, 0.0)
+
+    def fit(rate: float, start: SparseFit | None) -> SparseFit:
+        of_rate = problem._replace(rate=rate)
+        if algorithm == "ard":
+            return _prune(of_rate, tol, max_iter)
+        return _ascend(of_rate, n_starts, start, tol, max_iter)
+
     # These matrices are small: threads that wait for one another cost more than they save.
     with blas_on_one_thread():
-        if algorithm == "ard":
-            return _prune(rows, t, offset, rate, tol, max_iter)
-        return _ascend(rows, t, offset, rate, n_starts, start, tol, max_iter)
+        if rate != "auto":
+            return fit(rate, start)
+        ard_fit = fit(0.0, start)
+        if not len(ard_fit.alpha):
+            return ard_fit
+        likely_rate = 2 * len(ard_fit.alpha) / float((1 / ard_fit.alpha).sum())
+        return fit(likely_rate, None if start is None else ard_fit)
 
 
 def fit_laplacian_map(
@@ -183,21 +181,13 @@ def fit_laplacian_map(
 
 
 def _ascend(
-    rows: FloatArray,
-    t: FloatArray,
-    offset: float,
-    rate: float,
-    n_starts: int,
-    start: SparseFit | None,
-    tol: float,
-    max_iter: int,
+    problem: relevance.Problem, n_starts: int, start: SparseFit | None, tol: float, max_iter: int
 ) -> SparseFit:
     """Ascend the evidence from several starts and return the best model (Tipping & Faul 2003)."""
-    every = np.ones(len(rows), np.bool_)
-    problem = relevance.Problem(rows, relevance.single(rows), t, offset, every, rate)
+    every = problem.allowed
 
     def penalised(fit: relevance.Ascent) -> float:
-        return float(relevance.penalised(fit, rate))
+        return float(relevance.penalised(fit, problem.rate))
 
     # The best single action at a time, and then all precisions together.
     climbed = relevance.climb(problem, max_iter)
@@ -208,7 +198,7 @@ def _ascend(
         )
     else:
         empty = (np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
-        for first in _first_functions(len(rows), n_starts - 1):
+        for first in _first_functions(len(every), n_starts - 1):
             fits.append(relevance.ascend(problem, *empty, first, tol, max_iter))
     iterations = sum(fit.iterations for fit in fits)
     fits.sort(key=lambda fit: -penalised(fit))
@@ -220,7 +210,7 @@ def _ascend(
         improved.append(_exchange(problem, fit, tol, max_iter))
         iterations += improved[-1].iterations - fit.iterations
     best = _complete(problem, max(improved, key=penalised), tol, max_iter)
-    return _sorted(best, iterations, rate)
+    return _sorted(best, iterations, problem.rate)
 
 
 def _exchange(
@@ -298,20 +288,19 @@ def _first_functions(count: int, n_starts: int) -> list[BoolArray]:
     return masks
 
 
-def _prune(
-    rows: FloatArray, t: FloatArray, offset: float, rate: float, tol: float, max_iter: int
-) -> SparseFit:
+def _prune(problem: relevance.Problem, tol: float, max_iter: int) -> SparseFit:
     """Prune from all functions on: α = γ/w² for all weights together (Tipping 2001, Eq. 16).
 
     With a rate of the Laplacian prior α is the root of w²α² - γα - rate.
     """
+    rows, rate = problem.rows, problem.rate
     active = np.arange(len(rows))
     alpha = np.ones(len(rows))
     mean = np.zeros(len(rows))
     iteration = 0
     while iteration < max_iter:
         iteration += 1
-        posterior = relevance.laplace(rows[active], t, offset, alpha, mean)
+        posterior = relevance.laplace(rows[active], problem.target, problem.offset, alpha, mean)
         mean = posterior.mean
         # γ = 1 - αΣ: how well the examples determine a weight, from 0 to 1.
         determined = np.maximum(1 - alpha * np.diag(posterior.covariance), 1e-12)
@@ -325,8 +314,8 @@ def _prune(
         if remains.all() and change < SETTLED:
             break
     none_enters = np.zeros(len(rows), np.bool_)
-    problem = relevance.Problem(rows, relevance.single(rows), t, offset, none_enters, rate)
-    fit = relevance.ascend(problem, active, alpha, mean, none_enters, tol, max_iter)
+    fixed = problem._replace(allowed=none_enters)
+    fit = relevance.ascend(fixed, active, alpha, mean, none_enters, tol, max_iter)
     return _sorted(fit, iteration + fit.iterations, rate)
 
 

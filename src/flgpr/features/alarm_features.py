@@ -65,9 +65,7 @@ class FeatureSettings:
 
     def swapped(self) -> FeatureSettings:
         """Return the same settings with cross-track and down-track exchanged in all regions."""
-        patch = PatchShape(
-            self.patch.size, self.patch.spacing, self.patch.inner[::-1], self.patch.guard[::-1]
-        )
+        patch = replace(self.patch, inner=self.patch.inner[::-1], guard=self.patch.guard[::-1])
         return replace(self, patch=patch, inner=self.inner[::-1])
 
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flgpr.health.sums import HealthSums
 from flgpr.model import check_run
+from flgpr.model.run import polarizations_of
 from flgpr.types import FloatArray
 
 QUIET = -25.0
@@ -52,8 +53,7 @@ def channel_health(run: xr.Dataset, quiet: float = QUIET) -> pd.DataFrame:
         if not valid[scan].all():
             signal = np.where(valid[scan, ..., None], signal, np.nan)
         sums.add(signal)
-    labels = [str(label) for label in run["polarization"].values]
-    return channel_table(sums, labels, (~valid).sum(axis=0), quiet)
+    return channel_table(sums, polarizations_of(run), (~valid).sum(axis=0), quiet)
 
 
 def channel_table(
@@ -122,8 +122,7 @@ def health_summary(table: pd.DataFrame) -> list[str]:
         names = [f"{row.polarization} pair {row.pair}" for row in dead.head(8).itertuples()]
         more = " ..." if len(dead) > 8 else ""
         lines.append(f"{len(dead)} of {len(table)} channels are dead: {', '.join(names)}{more}")
-    has_drift = (table["coherence"] >= STEADY) & table["gain_drift_db"].notna()
-    steady = table[~table["dead"] & has_drift]
+    steady = steady_channels(table)
     by_gain = steady["gain_drift_db"].abs() > 1.0
     by_phase = steady["phase_drift_rad"].abs() > 0.2
     drifting = steady[by_gain | by_phase]
@@ -137,6 +136,11 @@ def health_summary(table: pd.DataFrame) -> list[str]:
     if lines:
         return lines
     return [f"all {len(table)} channels are alive" + (", none drifts" if len(steady) else "")]
+
+
+def steady_channels(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the living channels whose standing part is strong enough to tell a drift."""
+    return table[~table["dead"] & (table["coherence"] >= STEADY) & table["gain_drift_db"].notna()]
 
 
 def _coherence(sums: HealthSums) -> FloatArray:

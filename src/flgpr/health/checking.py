@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from flgpr.health.channels import STEADY, channel_table, median_around
+from flgpr.health.channels import channel_table, median_around, steady_channels
 from flgpr.health.findings import BETTER_DB, DEVIATIONS, LIMITS, QUESTIONS, SPOILING, Finding
 from flgpr.health.hypotheses import TIED_DB, Way
 from flgpr.health.judging import judge_levels, statistics
@@ -142,7 +142,7 @@ def _drift(of_run: Examined) -> Iterator[Check]:
     """Yield by how much channels drift whose standing part is strong enough to tell."""
     sums = of_run.sums
     table = channel_table(sums, of_run.radar.polarizations, sums.scans - sums.sweeps)
-    steady = table[~table["dead"] & (table["coherence"] >= STEADY) & table["gain_drift_db"].notna()]
+    steady = steady_channels(table)
     if not len(steady):
         words = "no channel has a standing part strong enough to tell"
         yield Check("drift", UNSEEN, words)
@@ -166,7 +166,12 @@ def _drift(of_run: Examined) -> Iterator[Check]:
         f"{_DRIFT[1]:g} rad"
     )
     advice = "let the radar warm up, or look at its clock and cables"
-    yield Check("drift", *((DOUBTFUL, words, advice) if drifting else (RIGHT, words)))
+    yield _doubted(drifting > 0, "drift", words, advice)
+
+
+def _doubted(is_doubt: bool, what: str, words: str, advice: str) -> Check:
+    """Return a check that is in doubt, with advice, or looks right."""
+    return Check(what, DOUBTFUL, words, advice) if is_doubt else Check(what, RIGHT, words)
 
 
 def _gaps(run: xr.Dataset) -> Iterator[Check]:
@@ -178,7 +183,7 @@ def _gaps(run: xr.Dataset) -> Iterator[Check]:
     backwards = np.mean(np.sum(ways[1:] * ways[:-1], axis=1) < 0)
     words = f"the course turns round at {backwards:.0%} of the scans, at most {_TURNING:.0%}"
     advice = "are scans and poses in the order in which they were taken?"
-    yield Check("course", *((DOUBTFUL, words, advice) if backwards > _TURNING else (RIGHT, words)))
+    yield _doubted(backwards > _TURNING, "course", words, advice)
     usual = median_around(steps, _AROUND)
     ratio = steps / np.maximum(np.maximum(usual, np.median(steps)), 1e-9)
     count = int(np.count_nonzero(ratio > _GAP))
@@ -188,7 +193,7 @@ def _gaps(run: xr.Dataset) -> Iterator[Check]:
         f"at most {_GAP:g}"
     )
     advice = "scans were lost, or the positions leap"
-    yield Check("gaps", *((DOUBTFUL, words, advice) if count else (RIGHT, words)))
+    yield _doubted(count > 0, "gaps", words, advice)
 
 
 def _of_geometry(of_run: Examined) -> Iterator[Check]:

@@ -17,7 +17,7 @@ import numpy as np
 
 from flgpr.health.sums import LEAST_POWER
 from flgpr.model.constants import SPEED_OF_LIGHT
-from flgpr.model.frames import lane_to_scan, scan_to_lane, vehicle_to_scan
+from flgpr.model.frames import lane_to_scan, scan_to_lane, steps_of, vehicle_to_scan
 from flgpr.types import ComplexArray, FloatArray, IndexArray
 
 _UNEVEN = 1e-3  # of the step, by which tones that count as even may differ
@@ -76,7 +76,7 @@ class Taken:
     @property
     def step(self) -> float:
         """Usual distance between scans, m."""
-        return float(np.median(np.hypot(*np.diff(self.pose[:, :2], axis=0).T)))
+        return float(np.median(steps_of(self.pose)))
 
     @property
     def is_possible(self) -> bool:

@@ -230,7 +230,7 @@ def _missing(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
         explained = not (by_tone[at_fault][:, kept] > 0).any()
         if explained:
             value = float(by_tone[bad].max())
-            yield finding("missing tones", value, tone_names(tones, radar), tones=tones.tolist())
+            yield of_tones("missing tones", tones, value, radar)
             return
     yield _of_channels("missing pairs", at_fault, float(share.max()), radar)
 
@@ -346,7 +346,7 @@ def _tones(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
     if marked.any():
         tones = np.flatnonzero(marked)
         value = float(sums.changed_db[marked].max())
-        yield finding("disturbed tones", value, tone_names(tones, radar), tones=tones.tolist())
+        yield of_tones("disturbed tones", tones, value, radar)
     likeness = sums.tone_likeness
     usual = float(np.median(likeness))
     told = marked[1:] | marked[:-1]
@@ -356,7 +356,7 @@ def _tones(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
         # A good tone beside a noisy one is unlike it, too, but like the one on its other side.
         beside = np.pad(unlike, 1, constant_values=True)
         noisy = np.flatnonzero(beside[1:] & beside[:-1] & ~marked)
-        yield finding("noisy tones", share, tone_names(noisy, radar), tones=noisy.tolist())
+        yield of_tones("noisy tones", noisy, share, radar)
 
 
 def jitter_ps(sums: HealthSums, radar: Radar) -> float:
@@ -487,13 +487,17 @@ def _of_channels(name: str, at_fault: BoolArray, value: float, radar: Radar) -> 
     """Return a finding of channels (polarization, pair)."""
     pairs = np.flatnonzero(at_fault.any(axis=0)).tolist()
     labels = [radar.polarizations[k] for k in np.flatnonzero(at_fault.any(axis=1))]
-    plural = "pair" if len(pairs) == 1 else "pairs"
-    where = f"{plural} {listed(pairs)} of {', '.join(labels)}"
+    where = f"{pair_names(pairs)} of {', '.join(labels)}"
     return finding(name, value, where, pairs=pairs, polarizations=labels)
 
 
-def tone_names(tones: NDArray[np.integer], radar: Radar) -> str:
-    """Return tones by number and in MHz, the first few."""
-    named = [f"{tone} ({radar.frequency[tone] / 1e6:.1f} MHz)" for tone in tones[:4]]
-    more = f" and {tones.size - 4} more" if tones.size > 4 else ""
-    return f"{'tone' if tones.size == 1 else 'tones'} {', '.join(named)}{more}"
+def pair_names(pairs: Sequence[int]) -> str:
+    """Return pairs by number, the first few."""
+    return f"{'pair' if len(pairs) == 1 else 'pairs'} {listed(pairs)}"
+
+
+def of_tones(name: str, tones: NDArray[np.integer], value: float, radar: Radar) -> Finding:
+    """Return a finding of tones, the first few by number and in MHz."""
+    named = [f"{tone} ({radar.frequency[tone] / 1e6:.1f} MHz)" for tone in tones]
+    where = f"{'tone' if tones.size == 1 else 'tones'} {listed(named, 4)}"
+    return finding(name, value, where, tones=tones.tolist())

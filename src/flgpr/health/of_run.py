@@ -23,7 +23,9 @@ from flgpr.health.judging import (
 )
 from flgpr.health.sums import HealthSums
 from flgpr.model import Lane
-from flgpr.types import ComplexArray, FloatArray
+from flgpr.model.frames import steps_of
+from flgpr.model.run import polarizations_of
+from flgpr.types import ComplexArray, FloatArray, floats
 
 MOST_SCANS = 256
 """Scans that are read: of a longer run stretches, evenly over it."""
@@ -117,17 +119,17 @@ def _unmoved(run: xr.Dataset, found: list[Finding]) -> str:
     spoilt = [one.name for one in found if one.name in SPOILING]
     if spoilt:
         return f"the run has {', '.join(spoilt)}"
-    steps = np.diff(run["pose"].values[:, :2], axis=0)
-    return "the vehicle stands" if len(steps) and not np.median(np.hypot(*steps.T)) else ""
+    steps = steps_of(run["pose"].values)
+    return "the vehicle stands" if len(steps) and not np.median(steps) else ""
 
 
 def radar_of(run: xr.Dataset) -> Radar:
     """Return what the sums of a run are judged by."""
     return Radar(
-        tuple(str(label) for label in run["polarization"].values),
-        np.asarray(run["frequency"].values, np.float64),
-        np.asarray(run["tx_position"].values, np.float64),
-        np.asarray(run["rx_position"].values, np.float64),
+        tuple(polarizations_of(run)),
+        floats(run["frequency"].values),
+        floats(run["tx_position"].values),
+        floats(run["rx_position"].values),
     )
 
 
@@ -176,7 +178,7 @@ def taken_of_run(
     first : bool
         Whether a few stretches are enough, for a first look.
     """
-    pose = np.asarray(run["pose"].values, np.float64)
+    pose = floats(run["pose"].values)
     scans = len(pose)
     margin = MOST_LAG if scans > 6 * MOST_LAG else 0
     last = scans - margin - _LOOK_SCANS

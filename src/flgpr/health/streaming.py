@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -24,13 +23,14 @@ from flgpr.health.judging import (
     Radar,
     judge_course,
     judge_sums,
+    of_tones,
     over_alike,
     over_living,
-    tone_names,
+    pair_names,
 )
 from flgpr.health.sums import BURST_DB, HealthSums, ScanFigures
 from flgpr.model import Lane
-from flgpr.types import Arrays, BoolArray, ComplexArray, FloatArray
+from flgpr.types import Arrays, BoolArray, ComplexArray, Entries, FloatArray
 
 LASTING = 3
 """Scans in a row with the same fault from which on a pair is left out, or values are filled in."""
@@ -228,8 +228,7 @@ class LiveHealth:
         for name, at_fault, value in values:
             if at_fault.any() and (name == "dead pairs" or not too_many):
                 pairs = np.flatnonzero(at_fault).tolist()
-                where = f"{'pair' if len(pairs) == 1 else 'pairs'} {listed(pairs)}"
-                one = finding(name, value, where, pairs=pairs)
+                one = finding(name, value, pair_names(pairs), pairs=pairs)
                 acted = one if too_many else one.acted("left out, and the others are used")
                 found += self._tell(acted)
         return np.zeros_like(hot) if too_many else hot | dead | absent, found
@@ -252,12 +251,7 @@ class LiveHealth:
         if sums.changes:
             excess = np.maximum(excess, sums.changed_db)
         tones = np.flatnonzero(marked)
-        one = finding(
-            "disturbed tones",
-            float(excess[marked].max()),
-            tone_names(tones, self._radar),
-            tones=tones.tolist(),
-        )
+        one = of_tones("disturbed tones", tones, float(excess[marked].max()), self._radar)
         if tones.size > MOST_TONES * marked.size:
             return noisy, self._tell(one)
         return marked | noisy, self._tell(
@@ -319,14 +313,14 @@ class LiveHealth:
         self._noisy = sorted({*self._noisy, *one.tones})
         return one.acted("left out from now on")
 
-    def state(self) -> tuple[dict[str, Any], Arrays]:
+    def state(self) -> tuple[Entries, Arrays]:
         """Return the state as JSON values and arrays, for a later :meth:`restore`."""
         values = {name: np.asarray(getattr(self, f"_{name}")).tolist() for name in _STATE}
         values["told"] = {name: sorted(numbers) for name, numbers in self._told.items()}
         values["looks"], arrays = self.looks.state()
         return values, self.sums.state() | arrays
 
-    def restore(self, values: dict[str, Any], arrays: Arrays) -> None:
+    def restore(self, values: Entries, arrays: Arrays) -> None:
         """Continue from what :meth:`state` returned; a snapshot of a version before may have less."""
         self.sums.restore(arrays)
         for name in _STATE & values.keys():
@@ -426,7 +420,7 @@ class LiveLooks:
         best = best_way(ways)
         return [] if best is None else [best.finding]
 
-    def state(self) -> tuple[dict[str, Any], Arrays]:
+    def state(self) -> tuple[Entries, Arrays]:
         """Return the state as JSON values and arrays, for a later :meth:`restore`."""
         kept = self._latest + self._unrelated
         arrays = {f"look{k}": signal for k, (signal, _) in enumerate(kept) if signal is not None}
@@ -438,7 +432,7 @@ class LiveLooks:
         }
         return values, arrays
 
-    def restore(self, values: dict[str, Any], arrays: Arrays) -> None:
+    def restore(self, values: Entries, arrays: Arrays) -> None:
         """Continue from what :meth:`state` returned."""
         if not values:  # a snapshot of a version before
             return

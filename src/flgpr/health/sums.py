@@ -145,7 +145,8 @@ class HealthSums:
         self.sweeps += finite
         self.power += np.where(finite, channel_power, 0)
         if self.scans % _NEIGHBOURS_EVERY == 0:
-            self._add_neighbours(signal, power)
+            self.next_tones.add(signal)
+            self.tone_sum += power.sum(axis=(0, 1), dtype=np.float64)
         whole = signal if finite.all() else np.where(finite[..., None], signal, 0)
         self.standing += whole
         self._add_quarters(whole, finite)
@@ -167,11 +168,6 @@ class HealthSums:
         if self._quarter and self.scans >= self._total - self._quarter:
             self.last += whole
             self.in_last += finite
-
-    def _add_neighbours(self, signal: ComplexArray, power: NDArray[np.floating]) -> None:
-        """Add how alike neighbouring tones are: echoes of a scene are, noise is not."""
-        self.next_tones.add(signal)
-        self.tone_sum += power.sum(axis=(0, 1), dtype=np.float64)
 
     def _add_delay(self, some: ComplexArray, power: FloatArray) -> None:
         """Add how much later a scan is than those before, as phase per tone, and how clearly.

@@ -63,8 +63,8 @@ class AlarmBook:
         """
         unmatched = dict(self.open)
         changed = []
-        names = ["x", "y", "confidence", "magnitude", "scans"]
-        for x, y, confidence, magnitude, scans in maxima[names].itertuples(index=False):
+        rows = maxima[list(_PASSED_COLUMNS)].itertuples(index=False)
+        for x, y, confidence, magnitude, scans in rows:
             known = self._nearest(unmatched, x, y)
             state: State
             if known is not None:

@@ -13,7 +13,6 @@ import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numba
 import numpy as np
@@ -41,10 +40,11 @@ from flgpr.screen import (
     seen_along,
     view_array,
 )
+from flgpr.screen.views import pixels_at
 from flgpr.stages import MapStage, Stage
 from flgpr.stages.earlier import EarlierRuns
 from flgpr.store import RunDescription, Scan
-from flgpr.types import Arrays, ComplexArray, FloatArray
+from flgpr.types import Arrays, ComplexArray, Entries, FloatArray, floats
 
 # m; ground farther back than this before a scan is closed without another look
 _FARTHEST_GAP = 50.0
@@ -170,17 +170,21 @@ class LiveDetector:
         )
         if self.earlier is not None:
             self.earlier.begin()
-        self.first_pose: FloatArray | None = None
+        self.alarms = AlarmBook(self.recipe.prescreen.radius)
+        self.density = SeenDensity(self.recipe.prescreen, self.recipe.run_view.spacing)
+        self.ground = self._running_ground()
         self.saw_lane = self.lane is None  # whether a scan could see some of a given lane
+        self._begin_view()
+
+    def _begin_view(self) -> None:
+        """Begin with no ground seen."""
+        self.first_pose: FloatArray | None = None
         self.history: list[CleanedImages] = []  # of scans that still see ground ahead
         # features of the latest alarms, from all of these scans
         self._sums: AlarmSums | None = None
         # sums of the run-view, with "row", counted from the lane's first
         self.view: Arrays = {}
-        self.alarms = AlarmBook(self.recipe.prescreen.radius)
-        self.density = SeenDensity(self.recipe.prescreen, self.recipe.run_view.spacing)
         self.closed = -math.inf  # ground up to here (lane y) is final
-        self.ground = self._running_ground()
         self.newest: tuple[int, FloatArray] | None = None
         self.previous_pose: FloatArray | None = None  # of the scan that was the newest before
 
@@ -195,6 +199,11 @@ class LiveDetector:
         lane = self.lane
         columns = (-1.5, 1.5) if lane is None else (lane.x_min, lane.x_max)
         return RunningGround(ground, mapper, self.grid, columns, self.settings.least_step)
+
+    @property
+    def newest_number(self) -> int | None:
+        """Number of the newest scan taken."""
+        return None if self.newest is None else self.newest[0]
 
     @property
     def newest_pose(self) -> FloatArray | None:
@@ -257,13 +266,7 @@ class LiveDetector:
             self.left_out += len(verdict.forgotten)
         else:
             alarms = self.finish()
-            self.history = []
-            self._sums = None
-            self.view = {}
-            self.first_pose = None
-            self.newest = None
-            self.previous_pose = None
-            self.closed = -math.inf
+            self._begin_view()
 
         released = []
         for number in verdict.trusted[:-1]:
@@ -292,7 +295,7 @@ class LiveDetector:
 
     def _take(self, scan: Scan) -> LiveUpdate:
         """Take in a scan whose pose is trusted."""
-        pose = np.asarray(scan.pose, np.float64)
+        pose = floats(scan.pose)
         low, high = self._reach(pose)
         if high < self.closed:
             return LiveUpdate("late", [])
@@ -372,14 +375,11 @@ class LiveDetector:
 
         The alarm's ground must not be final. The mean is NaN where no look has a weight.
         """
-        grid = self._view_grid(int(self.view["row"]))
-        spacing = self.recipe.run_view.spacing
-        row = round((alarm.y - grid.y_min) / spacing)
-        column = round((alarm.x - grid.x_min) / spacing)
-        weight = float(self.view["weight"][row, column])
+        pixel = pixels_at(self._view_grid(int(self.view["row"])), alarm.x, alarm.y)
+        weight = float(self.view["weight"][pixel])
         if not weight:
             return math.nan, weight
-        return float(self.view["sum"][row, column]) / weight, weight
+        return float(self.view["sum"][pixel]) / weight, weight
 
     def expected_looks(self, alarm: LiveAlarm) -> list[tuple[float, float]]:
         """List the looks to come at an alarm: the distance driven until each, m, and its weight.
@@ -448,7 +448,7 @@ class LiveDetector:
 
         What earlier drives predict is subtracted.
         """
-        pose = np.asarray(scan.pose, np.float64)
+        pose = floats(scan.pose)
         key = tuple(pose[[2, 4, 5]])
         if self._operator is None or self._operator[0] != key:
             radar = self.description
@@ -525,11 +525,9 @@ class LiveDetector:
         self, view: xr.DataArray, pose: FloatArray, earlier_sums: AlarmSums | None
     ) -> list[LiveAlarm]:
         """Update the open alarms from the run-view, and close the ground that is passed."""
-        spacing = self.recipe.run_view.spacing
         maxima = self.steps.maxima(view)
-        column = np.rint((maxima["x"] - view["x"].values[0]) / spacing).to_numpy(int)
-        row = np.rint((maxima["y"] - view["y"].values[0]) / spacing).to_numpy(int)
-        seen = view["looks"].values[row, column] >= self.settings.looks
+        pixel = pixels_at(self._view_grid(int(self.view["row"])), maxima["x"], maxima["y"])
+        seen = view["looks"].values[pixel] >= self.settings.looks
         is_open = (maxima["y"] > self.closed).to_numpy()
         maxima = maxima[seen & is_open].reset_index(drop=True)
 
@@ -548,16 +546,15 @@ class LiveDetector:
             changed = [alarm for alarm in changed if alarm.alarm_id not in final_ids] + final
         return changed
 
-    def _confidence(self, alarms: pd.DataFrame, earlier_sums: AlarmSums | None) -> dict[str, Any]:
+    def _confidence(self, alarms: pd.DataFrame, earlier_sums: AlarmSums | None) -> Entries:
         """Compute the confidence of alarms and the number of scans that entered it.
 
         Alarms at pixels where the scan before had alarms continue its sums and take in the newest
         scan alone.
         """
         grid = self._view_grid()
-        row = np.rint((alarms["y"] - grid.y_min) / grid.dy)
-        column = np.rint((alarms["x"] - grid.x_min) / grid.dy)
-        pixel = (row * grid.nx + column).to_numpy(np.int64)
+        row, column = pixels_at(grid, alarms["x"], alarms["y"])
+        pixel = row * grid.nx + column
         order = np.argsort(pixel)
         # y from the row: the same to the last bit, whichever window of the run-view it came from.
         positions = pd.DataFrame({"x": alarms["x"], "y": grid.y_min + row * grid.dy})

@@ -17,7 +17,7 @@ import os
 import re
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 
@@ -46,7 +46,7 @@ from flgpr.method.unlike import Comparison
 from flgpr.model.plausible import MotionStep
 from flgpr.model.printable import text_bytes
 from flgpr.model.vehicle import Vehicle
-from flgpr.types import Float32Array, FloatArray
+from flgpr.types import Entries, Float32Array, FloatArray
 
 if TYPE_CHECKING:
     from flgpr.geo import Anchor
@@ -67,7 +67,7 @@ class _Flood:
     written: float  # when an event was last written, s
     singly: int = 0  # events written one by one
     left_out: int = 0  # events not written since
-    event: Event | None = None  # the last of these
+    event: Event = field(default_factory=dict)  # the last of these
 
 
 class EventRate:
@@ -97,17 +97,16 @@ class EventRate:
     def due(self) -> list[Event]:
         """Return the summaries of floods whose time has come."""
         now = self._clock()
-        summaries = []
-        for (kind, _), flood in self._floods.items():
-            if now - flood.written >= _PERIOD[kind]:
-                summaries.append(_summary(flood, now))
-        return [event for event in summaries if event is not None]
+        return [
+            _summary(flood, now)
+            for (kind, _), flood in self._floods.items()
+            if flood.event and now - flood.written >= _PERIOD[kind]
+        ]
 
     def rest(self) -> list[Event]:
         """Return the summaries of all that was left out so far."""
         now = self._clock()
-        summaries = [_summary(flood, now) for flood in self._floods.values()]
-        return [event for event in summaries if event is not None]
+        return [_summary(flood, now) for flood in self._floods.values() if flood.event]
 
     def _is_single(self, event: Event) -> bool:
         """Count the event of a fault; return whether it is written by itself."""
@@ -131,18 +130,12 @@ class EventRate:
         return False
 
 
-def _summary(flood: _Flood, now: float) -> Event | None:
-    """Return the event for what was left out, and begin to count anew.
-
-    None where nothing was left out.
-    """
-    event = flood.event
-    if event is None:
-        return None
-    left_out = flood.left_out
+def _summary(flood: _Flood, now: float) -> Event:
+    """Return the event for what was left out, and begin to count anew."""
+    event, left_out = flood.event, flood.left_out
     flood.written = now
     flood.left_out = 0
-    flood.event = None
+    flood.event = {}
     if event["event"] == "counts":
         return event
     noun = "problem" if left_out == 1 else "problems"
@@ -150,7 +143,7 @@ def _summary(flood: _Flood, now: float) -> Event | None:
     return {**event, "more": left_out, "words": summary}
 
 
-AnyAlarm = TypeVar("AnyAlarm", AlarmEvent, dict[str, Any])
+AnyAlarm = TypeVar("AnyAlarm", AlarmEvent, Entries)
 """Event of an alarm, or an alarm of a result."""
 
 EVENT_FILE = "live.jsonl"
@@ -268,20 +261,13 @@ def add_places_on_earth(events: Sequence[AnyAlarm], anchor: Anchor) -> None:
         event["longitude"] = round(float(longitude), _DEGREE_DIGITS)
 
 
-def start_event(
-    title: str,
-    detector: LiveDetector,
-    georeference: Any,
-    vehicle: Vehicle,
-) -> StartEvent:
+def start_event(detector: LiveDetector, georeference: Any, vehicle: Vehicle) -> StartEvent:
     """Return the event that detection starts.
 
     Parameters
     ----------
-    title : str
-        Title of the run.
     detector : LiveDetector
-        The detector, with its recipe, lane and grid.
+        The detector, with its recipe, lane and grid, and the run's description.
     georeference : dict or None
         Where the lane lies on Earth.
     vehicle : Vehicle
@@ -298,7 +284,7 @@ def start_event(
     stated_vehicle["stopping_distance"] = vehicle.stopping_distance
     event: StartEvent = {
         "event": "start",
-        "title": title,
+        "title": detector.description.title,
         "recipe": detector.recipe.name,
         "lane": None if lane is None else cast("LaneBorders", asdict(lane)),
         "grid": detector.view_grid(),
@@ -331,15 +317,19 @@ def scan_event(scan: Scan, outcome: SettledOutcome, arrived: float, latency: flo
     ScanEvent
         The event.
     """
-    pose = [] if scan.pose is None else [round(float(value), 4) for value in scan.pose]
     return {
         "event": "scan",
         "scan": scan.number,
-        "pose": pose,
+        "pose": [] if scan.pose is None else _rounded(scan.pose),
         "outcome": outcome,
         "arrived": round(arrived, 3),
         "latency_ms": round(1e3 * latency, 1),
     }
+
+
+def _rounded(pose: FloatArray) -> list[float]:
+    """Return a pose to a tenth of a millimetre, and of a milliradian."""
+    return [round(float(value), 4) for value in pose]
 
 
 def problem_event(name: str, words: str) -> ProblemEvent:
@@ -465,7 +455,7 @@ def anew_event(scan: int, update: LiveUpdate, pose: FloatArray) -> AnewEvent:
         "event": "anew",
         "scan": scan,
         "held": [held_scan.number for held_scan, _ in update.released],
-        "pose": [round(float(value), 4) for value in pose],
+        "pose": _rounded(pose),
         "forgotten": update.forgotten,
     }
 

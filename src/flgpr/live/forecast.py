@@ -17,7 +17,7 @@ import math
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -31,7 +31,7 @@ from flgpr.method.model import Model
 from flgpr.model import complete_scans
 from flgpr.recipe.schema import Recipe
 from flgpr.store.scan_file import stored_scan
-from flgpr.types import Arrays, FloatArray
+from flgpr.types import Arrays, Entries, FloatArray
 
 NAME = "live.forecast"
 """Name of the forecast in a model, among what its stages have learnt."""
@@ -291,7 +291,7 @@ def _later_odds(detector: LiveDetector, alarm: LiveAlarm, value: float) -> float
     return float(trained.confidence(features)[0])
 
 
-def learn(followed: Iterable[Followed]) -> tuple[Arrays, dict[str, Any]]:
+def learn(followed: Iterable[Followed]) -> tuple[Arrays, Entries]:
     """Fit the forecast's numbers by maximum likelihood.
 
     Parameters
@@ -311,7 +311,7 @@ def learn(followed: Iterable[Followed]) -> tuple[Arrays, dict[str, Any]]:
     from scipy.special import expit
 
     rows = np.fromiter(followed, np.dtype((np.float64, len(Followed._fields))))
-    notes: dict[str, Any] = {"looks": len(rows)}
+    notes: Entries = {"looks": len(rows)}
     if len(rows) < _LEAST:
         return {}, notes
     odds, weight_before, total, squares, later = rows.T

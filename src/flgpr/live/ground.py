@@ -21,6 +21,7 @@ from flgpr.method.unlike import (
     level_profile,
 )
 from flgpr.model import Grid
+from flgpr.model.run import polarizations_of
 from flgpr.stages import MapStage
 from flgpr.types import AnyArray, Arrays, FloatArray
 
@@ -57,8 +58,7 @@ class RunningGround:
         self._ground = ground
         self._mapper = mapper
         self._grid = grid
-        inside = (grid.x >= columns[0]) & (grid.x <= columns[1])
-        self._columns = inside if inside.any() else np.ones(grid.nx, bool)
+        self._columns = columns
         self._apart = max(ground.apart, least_step)
         self._sums: Arrays = {}
         self._scans = 0
@@ -99,12 +99,11 @@ class RunningGround:
         near = self._grid.y_min
         figures = []
         if self._scans >= _SETTLED:
-            rows = max(1, round(1 / self._grid.dy))
             gain = background.cropped(self._grid.ny).gain
-            channels = []
-            for label in image["polarization"].values:
-                channels += [f"{label} {subband}" for subband in image["subband"].values]
-            profile = level_profile(gain, rows, self._columns)
+            subbands = image["subband"].values
+            labels = polarizations_of(image)
+            channels = [f"{label} {subband}" for label in labels for subband in subbands]
+            profile = level_profile(gain, self._grid, self._columns)
             figures += compare_level(ground, profile, channels, near)
         if self._mapper is not None:
             scans = min(self._scans, MOST_SCANS)

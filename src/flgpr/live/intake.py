@@ -12,7 +12,7 @@ import itertools
 import math
 import zlib
 from collections.abc import Iterable, Sequence
-from operator import itemgetter
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,12 +20,13 @@ import numpy as np
 from flgpr.health.findings import Finding, finding
 from flgpr.health.judging import Radar
 from flgpr.health.streaming import LiveHealth
+from flgpr.model.frames import wrapped
 from flgpr.model.plausible import MotionLimits, Sighting, step_between
 from flgpr.store import RunDescription, Scan, ScanFileError, decode_frame, scan_of
 from flgpr.store.scan_file import Frame, pose_fault
-from flgpr.types import FloatArray
+from flgpr.types import Entries, FloatArray, floats
 
-NumberedPose = tuple[int, FloatArray]
+NumberedPoses = dict[int, FloatArray]
 
 COUNTS = {
     "received": "frames that came",
@@ -119,17 +120,17 @@ class Intake:
         self._used = Numbers()
         self._came = Numbers()
         # Those that missing ones are filled in from, ascending.
-        self._poses: list[NumberedPose] = []
+        self._poses: NumberedPoses = {}
         # the last that came, plausible or not, without those that were filled in
-        self._own_poses: list[NumberedPose] = []
+        self._own_poses: NumberedPoses = {}
         #: why the pose in the last frame cannot be one, and what became of its scan; "" if it can,
         #: or if the frame states that it has none
         self.pose_report = ""
         radar = Radar(
             tuple(description.polarization),
-            np.asarray(description.frequency, np.float64),
-            np.asarray(description.tx_position, np.float64),
-            np.asarray(description.rx_position, np.float64),
+            floats(description.frequency),
+            floats(description.tx_position),
+            floats(description.rx_position),
         )
         self.health = LiveHealth(radar)
         #: what was found with the last frame and not told before
@@ -172,9 +173,8 @@ class Intake:
             self.counts["corrupt"] += 1
             raise
         if np.isfinite(scan.signal).all():  # what lacks values may come again with them
-            scan = self._in_series(scan, zlib.adler32(scan.signal.tobytes()))
-        elif self._offset:
-            scan = Scan(scan.number + self._offset, scan.time, scan.pose, scan.signal)
+            self._follow_series(scan.number, zlib.adler32(scan.signal.tobytes()))
+        scan = replace(scan, number=scan.number + self._offset)
         if scan.number in self._used:
             self.counts["duplicate"] += 1
             return None
@@ -187,7 +187,7 @@ class Intake:
         if checked.signal is None:
             self.counts["refused" if checked.repeated else "masked"] += 1
             return None
-        scan = Scan(scan.number, scan.time, scan.pose, checked.signal)
+        scan = replace(scan, signal=checked.signal)
         if scan.pose is not None:
             return scan
         # While scans are held back it is in doubt where the vehicle is.
@@ -197,15 +197,14 @@ class Intake:
             self.counts["pose_missing"] += 1
             return None
         self.counts["pose_filled"] += 1
-        return Scan(scan.number, scan.time, pose, scan.signal)
+        return replace(scan, pose=pose)
 
-    def _in_series(self, scan: Scan, content: int) -> Scan:
-        """Return a scan by its number in the whole run.
+    def _follow_series(self, sent: int, content: int) -> None:
+        """Find from the number of a scan whether its radar was started again.
 
-        A radar that was started again begins with the numbers that it began with before, and other
-        data: its scans are a new series, which is counted on.
+        It then begins with the numbers that it began with before, and other data: its scans are a
+        new series, which is counted on.
         """
-        sent = scan.number
         known = self._first_contents.get(sent)
         if known is None or known == content:
             self._again = []
@@ -222,9 +221,6 @@ class Intake:
                 self._again = []
                 done = f"its scans are counted on from {last + 1}"
                 self.findings.append(finding("restart", 1.0, str(in_row[0])).acted(done))
-        if not self._offset:
-            return scan
-        return Scan(sent + self._offset, scan.time, scan.pose, scan.signal)
 
     def _note_pose_fault(self, number: int, frame: Frame, *, filled: bool) -> None:
         """Note in words what is wrong with the pose in a frame."""
@@ -248,7 +244,7 @@ class Intake:
             Number of the newest scan that was taken before it.
         """
         if outcome in ("held", "implausible"):
-            self._poses = [known for known in self._poses if known[0] != number]
+            self._poses.pop(number, None)
             return
         self.counts[outcome.replace("-", "_")] += 1
         if outcome == "duplicate":
@@ -262,9 +258,8 @@ class Intake:
             self._used.add(number)
         self._came.add(number)
         self.counts["missing"] = self._came.missing
-        for known, pose in self._own_poses:
-            if known == number:
-                self._poses = _with_pose(self._poses, number, pose)
+        if number in self._own_poses:
+            self._poses = _with_pose(self._poses, number, self._own_poses[number])
 
     def settled(
         self, held: int, left_out: int, anew: bool = False, forgotten: bool = False
@@ -284,7 +279,7 @@ class Intake:
         """
         self.counts |= {"held": held, "implausible": left_out}
         if anew:
-            self._poses = []
+            self._poses = {}
         if forgotten:
             self.counts |= dict.fromkeys(_FORGOTTEN, 0)
             self._used = Numbers()
@@ -292,7 +287,7 @@ class Intake:
         elif anew:
             self.counts["restarts"] += 1
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> Entries:
         """Return the state as JSON values, for a later :meth:`restore`."""
         return {
             "counts": dict(self.counts),
@@ -305,7 +300,7 @@ class Intake:
             "offset": self._offset,
         }
 
-    def restore(self, state: dict[str, Any]) -> None:
+    def restore(self, state: Entries) -> None:
         """Continue from a state that :meth:`state` returned."""
         self.counts = dict.fromkeys(COUNTS, 0)
         for name, count in state["counts"].items():
@@ -340,56 +335,44 @@ class Intake:
         """
         if not self._poses:
             return True
-
-        def scans_from(known: NumberedPose) -> int:
-            return abs(known[0] - number)
-
-        nearest, nearest_pose = min(self._poses, key=scans_from)
-        start = Sighting(nearest, math.nan, nearest_pose)
+        nearest = min(self._poses, key=lambda known: abs(known - number))
+        start = Sighting(nearest, math.nan, self._poses[nearest])
         end = Sighting(number, math.nan, pose)
         return step_between(self._limits, start, end).strain <= 1
 
     def _fill(self, number: int) -> FloatArray | None:
         """Return the pose on the line through two known neighbours, or beyond the last two."""
-        known = [entry for entry in self._poses if entry[0] != number]
-        if len(known) < 2:
+        numbers = [known for known in self._poses if known != number]
+        if len(numbers) < 2:
             return None
-        numbers = [known_number for known_number, _ in known]
-        index = bisect.bisect(numbers, number)
-        index = min(max(index, 1), len(known) - 1)
-        first, first_pose = known[index - 1]
-        last, last_pose = known[index]
+        index = min(max(bisect.bisect(numbers, number), 1), len(numbers) - 1)
+        first, last = numbers[index - 1 : index + 1]
         gap = min(abs(number - first), abs(number - last))
         if gap > self._longest:
             return None
         share = (number - first) / (last - first)
-        step = last_pose - first_pose
+        step = self._poses[last] - self._poses[first]
         # Angles go the shorter way round, and the heading stays between -π and π.
-        step[3:] = np.angle(np.exp(1j * step[3:]))
-        pose: FloatArray = first_pose + share * step
-        pose[3] = np.angle(np.exp(1j * pose[3]))
+        step[3:] = wrapped(step[3:])
+        pose: FloatArray = self._poses[first] + share * step
+        pose[3] = wrapped(pose[3])
         return pose
 
 
-def _with_pose(poses: list[NumberedPose], number: int, pose: FloatArray) -> list[NumberedPose]:
+def _with_pose(poses: NumberedPoses, number: int, pose: FloatArray) -> NumberedPoses:
     """Return poses with that of a number, in place of an older one.
 
     Only the last few, ascending.
     """
-    numbered = [known for known in poses if known[0] != number]
-    numbered.append((number, pose))
-    numbered.sort(key=itemgetter(0))
-    return numbered[-_KNOWN_POSES:]
+    with_it = poses | {number: pose}
+    return {known: with_it[known] for known in sorted(with_it)[-_KNOWN_POSES:]}
 
 
-def _poses_as_json(poses: list[NumberedPose]) -> list[list[Any]]:
+def _poses_as_json(poses: NumberedPoses) -> list[list[Any]]:
     """Return numbered poses as JSON values."""
-    return [[number, pose.tolist()] for number, pose in poses]
+    return [[number, pose.tolist()] for number, pose in poses.items()]
 
 
-def _poses_from_json(entries: list[list[Any]]) -> list[NumberedPose]:
+def _poses_from_json(entries: list[list[Any]]) -> NumberedPoses:
     """Return numbered poses from JSON values."""
-    poses = []
-    for number, pose in entries:
-        poses.append((int(number), np.asarray(pose, dtype=np.float64)))
-    return poses
+    return {int(number): floats(pose) for number, pose in entries}

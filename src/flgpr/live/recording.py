@@ -12,14 +12,13 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from flgpr.budget import Budget
 from flgpr.door import check_expansion, read_named
 from flgpr.json_text import count_values, parse_json
 from flgpr.live.event_types import Event
 from flgpr.live.events import EVENT_FILE, EventFile
-from flgpr.types import PathLike
+from flgpr.types import Entries, PathLike
 
 _BEAT = 0.1  # s between signs of life while nothing comes, as in live detection
 
@@ -65,7 +64,7 @@ def read_recording(path: PathLike) -> tuple[list[Event], list[RecordedScan], lis
     scans: list[RecordedScan] = []
     after: list[Event] = []
     for line in lines:
-        event: dict[str, Any] = parse_json(line)
+        event: Entries = parse_json(line)
         if event["event"] == "scan":
             scans.append(RecordedScan(float(event["latency_ms"]) / 1e3))
         if event["event"] == "end":

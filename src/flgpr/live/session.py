@@ -419,15 +419,18 @@ class LiveRun:
             self._names = restore_snapshot(snapshot, detector, intake, self._fingerprint)
             self._alarms.resume(detector.alarms.open)
             self._started = detector.first_pose is not None
-            newest = None if detector.newest is None else detector.newest[0]
-            resumed: ResumeEvent = {"event": "resume", "scan": newest, "counts": intake.counts}
+            resumed: ResumeEvent = {
+                "event": "resume",
+                "scan": detector.newest_number,
+                "counts": intake.counts,
+            }
             events.append([resumed])
         cannot_judge = why_not(self._model.ground)
         if cannot_judge and (self._model.detector is not None or self._model.stages):
             log_note("; ".join(Comparison(cannot=cannot_judge).notes()))
         events.append([problem_event(one.run, one.sentence) for one in self._of_before])
         rehearse(description, recipe, self._model, self._before)
-        intake.health.lane = self._lane or (None if recipe.lane is None else recipe.lane.lane())
+        intake.health.lane = detector.lane
         self._detector = detector
         self._intake = intake
         return detector
@@ -503,7 +506,7 @@ class LiveRun:
             anchor = self._alarms.anchor
             if self.options.anchor is not None and anchor is not None:
                 reference = anchor.georeference()
-            lines.append(start_event(intake.description.title, detector, reference, self.vehicle))
+            lines.append(start_event(detector, reference, self.vehicle))
             placed = replace(scan, pose=detector.first_pose)
             another = of_another_array(self._model, as_run(intake.description, placed))
             if another:
@@ -532,7 +535,7 @@ class LiveRun:
         self, scan: Scan, detector: LiveDetector, intake: Intake
     ) -> tuple[LiveUpdate | None, str]:
         """Return what a scan changed and what is wrong with it."""
-        newest = None if detector.newest is None else detector.newest[0]
+        newest = detector.newest_number
         try:
             update = detector.add(scan)
         except ValueError as error:

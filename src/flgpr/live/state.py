@@ -13,7 +13,6 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -24,14 +23,14 @@ from flgpr.live.intake import Intake
 from flgpr.live.updates import LiveAlarm
 from flgpr.method.steps import CleanedImages
 from flgpr.store import MAX_MEMORY, Bundle, BundleError, Scan, write_bundle
-from flgpr.types import Arrays, FloatArray, floats
+from flgpr.types import Arrays, Entries, FloatArray, floats
 
 SNAPSHOT_FILE = "snapshot.bundle"
 FORMAT = "flgpr-live-snapshot"
 VERSION = 6
 # Scalars of the detector, by these names in the file.
 _SCALARS = ("closed", "left_out")
-Snapshot = tuple[dict[str, Any], Arrays]
+Snapshot = tuple[Entries, Arrays]
 
 
 class SnapshotError(ValueError):
@@ -69,7 +68,7 @@ def take_snapshot(
     for name in _SCALARS:
         value = getattr(detector, name)
         scalars[name] = value if np.isfinite(value) else None
-    header: dict[str, Any] = {
+    header: Entries = {
         "format": FORMAT,
         "version": VERSION,
         "fingerprint": fingerprint,
@@ -197,9 +196,7 @@ def restore_snapshot(
         ) from None
 
 
-def _restore(
-    header: dict[str, Any], arrays: Arrays, detector: LiveDetector, intake: Intake
-) -> None:
+def _restore(header: Entries, arrays: Arrays, detector: LiveDetector, intake: Intake) -> None:
     """Set the state of a detector and its intake."""
 
     def group(name: str) -> Arrays:

@@ -105,7 +105,7 @@ class StageSums:
 
     def add(self, image: xr.DataArray) -> None:
         """Add a cleaned image (polarization, subband, y, x) with its ``pose``."""
-        pose = np.asarray(image.attrs["pose"])
+        pose = floats(image.attrs["pose"])
         positions = lane_to_scan(self._points, pose)[:, :2]
         columns = self.stage.of_image(image, positions)
         arrays = []

@@ -20,7 +20,7 @@ from flgpr.detect.scorers.checks import Checked
 from flgpr.model import Lane
 from flgpr.screen import label_training_alarms
 from flgpr.stages.too_few import check_classes
-from flgpr.types import AnyArray, Arrays, BoolArray, FloatArray, IntArray
+from flgpr.types import AnyArray, Arrays, BoolArray, Entries, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from flgpr.detect import FisherDiscriminant, HistogramNormalizer
@@ -52,7 +52,7 @@ class Classifier:
     features: tuple[str, ...]  #: columns that it reads, in order
     normalizer: HistogramNormalizer
     discriminant: FisherDiscriminant
-    notes: dict[str, Any] = field(default_factory=dict)  #: what it was trained on
+    notes: Entries = field(default_factory=dict)  #: what it was trained on
     border = 0.0
     """Confidence that separates mines from clutter: the constant is subtracted already."""
 
@@ -77,7 +77,7 @@ class Classifier:
         table = pd.DataFrame(values * self.discriminant.direction_, columns=names)
         return table.assign(threshold=-self.discriminant.threshold_)
 
-    def about(self) -> dict[str, Any]:
+    def about(self) -> Entries:
         """Return the entries that a model's head holds of it."""
         return {
             "estimator": "fisher",
@@ -94,7 +94,7 @@ class Classifier:
 
     @classmethod
     def restored(
-        cls, about: Mapping[str, Any], arrays: Mapping[str, AnyArray], notes: dict[str, Any]
+        cls, about: Mapping[str, Any], arrays: Mapping[str, AnyArray], notes: Entries
     ) -> Classifier:
         """Return the classifier of what :meth:`about` and :meth:`arrays` returned.
 

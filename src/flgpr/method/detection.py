@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import pandas as pd
 import xarray as xr
@@ -15,7 +14,7 @@ from flgpr.method.evidence import Evidence, confidence_contributions, in_order
 from flgpr.method.imaged_run import ImagedRun, array_table
 from flgpr.method.passes.run_view import alarms_by_frame
 from flgpr.model import ALARM_COLUMNS, empty_table
-from flgpr.types import FloatArray, IndexArray
+from flgpr.types import Entries, FloatArray, IndexArray
 
 MAIN = "main"
 """Name of a result's own detection; others may stand beside it, by the name of their recipe."""
@@ -32,7 +31,7 @@ class Detection:
     #: alarm table, the most mine-like first; stages may have added columns to it
     alarms: pd.DataFrame
     view: xr.DataArray  #: run-view (polarization, subband, y, x) in units of the gain background
-    notes: dict[str, Any] = field(default_factory=dict)  #: figures worth reporting
+    notes: Entries = field(default_factory=dict)  #: figures worth reporting
     channel: tuple[str, str] | None = None  #: polarization and sub-band the alarms were raised on
     features: pd.DataFrame | None = None  #: features of every alarm
     contributions: pd.DataFrame | None = (
@@ -135,7 +134,7 @@ def assemble(lane: ImagedRun, ranked: RankedAlarms) -> Detection:
     elif _gives_odds(lane) and not (lane.comparison is not None and lane.comparison.unlike):
         alarms = alarms.assign(p=[round(probability(odds), 4) for odds in alarms["confidence"]])
     frames = alarms_by_frame(lane) if "frames" in lane.results else None
-    entries: dict[str, Any] = {
+    entries: Entries = {
         "notes": _notes(lane),
         "features": ranked.features,
         "frames": frames,
@@ -175,9 +174,9 @@ def _contributions(lane: ImagedRun, ranked: RankedAlarms, evidence: Evidence) ->
     return detector.contributions(ranked.features)
 
 
-def _notes(lane: ImagedRun) -> dict[str, Any]:
+def _notes(lane: ImagedRun) -> Entries:
     """Return figures worth reporting, and what the confidence is made of."""
-    notes: dict[str, Any] = {}
+    notes: Entries = {}
     detector = lane.model.detector
     if lane.replaces_map:
         notes["confidence"] = "map"

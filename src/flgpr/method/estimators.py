@@ -20,7 +20,7 @@ from flgpr.detect.scorers.checks import Checked, StoredScorer
 from flgpr.method.classifier import TrainingSet, check_entries, checked_names, feature_values
 from flgpr.recipe.tables import DetectorTable
 from flgpr.stages.too_few import Change, TooFewExamplesError, check_classes
-from flgpr.types import AnyArray, Arrays, FloatArray
+from flgpr.types import AnyArray, Arrays, Entries, FloatArray
 
 LARGEST_ODDS = 30.0
 """Of log odds: beyond it the probability no longer changes."""
@@ -45,7 +45,7 @@ class TrainedEstimator:
     centre: FloatArray  #: (feature,) is subtracted from the features
     scale: FloatArray  #: (feature,) divides them then
     scorer: StoredScorer
-    notes: dict[str, Any] = field(default_factory=dict)  #: what it was trained on
+    notes: Entries = field(default_factory=dict)  #: what it was trained on
     unlike: bool = False  #: whether what is unlike the training examples scores high
 
     def confidence(self, features: pd.DataFrame) -> FloatArray:
@@ -98,7 +98,7 @@ class TrainedEstimator:
         confidence = self.confidence(features) if len(features) else np.zeros(0)
         return pd.DataFrame({self.name: confidence})
 
-    def about(self) -> dict[str, Any]:
+    def about(self) -> Entries:
         """Return the entries that a model's head holds of it."""
         return {
             "estimator": self.name,
@@ -114,7 +114,7 @@ class TrainedEstimator:
 
     @classmethod
     def restored(
-        cls, about: Mapping[str, Any], arrays: Mapping[str, AnyArray], notes: dict[str, Any]
+        cls, about: Mapping[str, Any], arrays: Mapping[str, AnyArray], notes: Entries
     ) -> TrainedEstimator:
         """Return the estimator of what :meth:`about` and :meth:`arrays` returned.
 
@@ -211,7 +211,7 @@ def train_estimator(
 
 def _make_estimator(table: DetectorTable, features: Sequence[str]) -> Any:
     """Make the estimator that a recipe names, with its options, before it is fitted."""
-    options: dict[str, Any] = dict(table.options)
+    options: Entries = dict(table.options)
     if find_estimator(table.estimator).grouped:
         if "groups" in options:
             raise ValueError(

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from operator import attrgetter
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from flgpr.features import PatchShape
 from flgpr.features.polarimetry import entropy_alpha_of
-from flgpr.kernels.sampling import bilinear
 from flgpr.method.look_samples import (
     CUT,
     TRACE,
@@ -29,12 +27,14 @@ from flgpr.method.look_samples import (
     range_kernel,
 )
 from flgpr.model import ground_points, lane_to_scan, vehicle_to_scan
-from flgpr.screen.views import grid_of, look_weight
+from flgpr.model.run import polarizations_of
+from flgpr.screen.views import grid_of, look_weight, sampled
 from flgpr.types import (
     AnyArray,
     Arrays,
     Complex128Array,
     ComplexArray,
+    Entries,
     Float32Array,
     FloatArray,
     IndexArray,
@@ -61,7 +61,7 @@ class Evidence:
     cut: FloatArray  #: range offsets of the cuts, m
     trace: FloatArray  #: range offsets of the A-scans, m; empty without raw data
     #: per alarm, nearest scan first: ``scan``, ``distance`` (m, ground range from the array)
-    scans: list[list[dict[str, Any]]]
+    scans: list[list[Entries]]
     #: per alarm (scan, value), dB: patches (polarization, subband, y, x), cuts (polarization,
     #: subband, cut), A-scans (polarization, trace), one after the other; NaN outside the image
     blocks: list[NDArray[np.float16]]
@@ -98,7 +98,7 @@ def in_order(evidence: Evidence, rows: IndexArray) -> Evidence:
     explained = len(evidence.scans)
     columns = 3 + len(evidence.adds) + len(evidence.alone)
     chosen = rows[:MOST_ALARMS]
-    scans: list[list[dict[str, Any]]] = []
+    scans: list[list[Entries]] = []
     blocks = []
     causes = []
     for row in chosen:
@@ -214,10 +214,9 @@ class EvidenceSums:
         signal : (polarization, pair, frequency) ndarray of complex, optional
             Its data, where they have been read already.
         """
-        polarization = [str(label) for label in image["polarization"].values]
-        subband = [str(label) for label in image["subband"].values]
-        self._channels = (polarization, subband)
-        points = lane_to_scan(self._points, np.asarray(image.attrs["pose"]))
+        subband = _texts(image["subband"].values)
+        self._channels = (polarizations_of(image), subband)
+        points = lane_to_scan(self._points, floats(image.attrs["pose"]))
         if self._poses is not None and self._nearest is None:
             self._nearest = self._nearest_scans(image, self._poses)
 
@@ -270,7 +269,7 @@ class EvidenceSums:
         """Return the A-scans (point, polarization, range) of a scan at points in its frame."""
         if signal is None:
             signal = np.asarray(run["signal"].isel(scan=int(image.attrs["scan"])).values)
-        pose = np.asarray(image.attrs["pose"])
+        pose = floats(image.attrs["pose"])
         tx = vehicle_to_scan(run["tx_position"].values, pose)
         rx = vehicle_to_scan(run["rx_position"].values, pose)
         return focused_trace(signal, run["frequency"].values, tx, rx, points, self._kernel)
@@ -291,10 +290,7 @@ class EvidenceSums:
         maps = [*adding.values(), *alone.values()]
         if not maps:
             return
-        grid = grid_of(image)
-        row = (points[:, 1] - grid.y_min) / grid.dy
-        column = (points[:, 0] - grid.x_min) / grid.dx
-        values = bilinear(np.stack(maps), row, column).T
+        values = sampled(np.stack(maps), grid_of(image), points).T
         distance = np.hypot(points[:, 0], points[:, 1])
         weight = look_weight(distance, self._falloff)
         scan = np.full(len(visible), float(image.attrs["scan"]))

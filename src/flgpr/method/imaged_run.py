@@ -33,13 +33,14 @@ from flgpr.method.unlike import (
     why_not,
 )
 from flgpr.model import Lane, lane_to_scan, scan_to_lane
+from flgpr.model.run import polarizations_of
 from flgpr.recipe.schema import Recipe, as_imaged
 from flgpr.recipe.tables import ImageTable
 from flgpr.screen import view_array
-from flgpr.screen.views import reached_rows
-from flgpr.stages import FeatureStage, MapStage, ScreenStage, Setup, Stage
+from flgpr.screen.views import pixels_at, reached_rows
+from flgpr.stages import FeatureStage, MapStage, ScreenStage, Setup, Stage, measured, scan_number
 from flgpr.stages.named import make_clutter_stages, make_stages
-from flgpr.types import AnyArray, ComplexArray, FloatArray, floats
+from flgpr.types import AnyArray, ComplexArray, Entries, FloatArray, floats
 
 
 class ImagedRun:
@@ -180,7 +181,7 @@ class ImagedRun:
     @property
     def polarizations(self) -> list[str]:
         """Names of the polarizations that are imaged."""
-        return [str(label) for label in self.imager.run["polarization"].values]
+        return polarizations_of(self.imager.run)
 
     @property
     def concurrent(self) -> bool:
@@ -235,7 +236,7 @@ class ImagedRun:
 
     def _summed_image(self, index: int, rows: int | None) -> xr.DataArray:
         """Return the coherent mean of the images of the last scans up to an index."""
-        scan = int(self.imager.scans[index])
+        scan = scan_number(self.setup, index)
         if self.plain:
             return self.imager.image(scan, None, rows)
         frames = self._data(index, self.setup.summed)[:, self.setup.imaged]
@@ -246,7 +247,7 @@ class ImagedRun:
         points = scan_to_lane(self.imager.grid.points(), self.setup.pose(index))
         total = self.imager.operator(scan).adjoint(frames[-1])
         for back, frame in enumerate(frames[-2::-1], 1):
-            earlier = int(self.imager.scans[index - back])
+            earlier = scan_number(self.setup, index - back)
             places = lane_to_scan(points, self.setup.pose(index - back))
             operator = self.imager.operator_on(earlier, places, self.imager.subbands)
             total += operator.adjoint(frame)
@@ -261,8 +262,8 @@ class ImagedRun:
 
     def _raw(self, index: int, count: int) -> ComplexArray:
         """Return the measured data of the last ``count`` scans up to an index."""
-        scans = self.setup.imager.scans[max(index - count + 1, 0) : index + 1]
-        return np.stack([self.setup.imager.signal(int(scan)) for scan in scans])
+        indices = range(max(index - count + 1, 0), index + 1)
+        return np.stack([measured(self.setup, one) for one in indices])
 
     # Cleaned images: they need the result of the pass "gain"
 
@@ -312,7 +313,7 @@ class ImagedRun:
             With the scan's number and pose.
         """
         if self.reads_data:
-            return self.near_imager.image(int(self.imager.scans[index]), data)
+            return self.near_imager.image(scan_number(self.setup, index), data)
         return self.scan_image(index).isel(y=slice(self.near.ny))
 
     def coherent(self, index: int) -> xr.DataArray:
@@ -340,10 +341,8 @@ class ImagedRun:
 
     def level_profile(self) -> FloatArray:
         """Return the level of the images (channel, metre), dB over its mean."""
-        x = self.near.x
-        columns = (x >= self.lane.x_min) & (x <= self.lane.x_max)
-        rows = max(1, round(1 / self.near.dy))
-        return level_profile(self.background.gain, rows, columns if columns.any() else x == x)
+        across = (self.lane.x_min, self.lane.x_max)
+        return level_profile(self.background.gain, self.near, across)
 
     @cached_property
     def comparison(self) -> Comparison | None:
@@ -485,9 +484,7 @@ class ImagedRun:
         arrays = self.results["view"]
         if self.explains:
             arrays = group_of(arrays, "view")
-        grid = self.grid
-        row = np.rint((alarms["y"].to_numpy() - grid.y_min) / grid.dy).astype(int)
-        column = np.rint((alarms["x"].to_numpy() - grid.x_min) / grid.dx).astype(int)
+        row, column = pixels_at(self.grid, alarms["x"], alarms["y"])
         values = arrays["as_learnt"][0, 0, row - self.view_rows.start, column]
         return floats(values)
 
@@ -536,7 +533,7 @@ def setup_of(
 ) -> tuple[Setup, ScanImager]:
     """Return what stages are given of a run, and the imager of the polarizations that count."""
     table = recipe.image
-    labels = [str(label) for label in run["polarization"].values]
+    labels = polarizations_of(run)
     imaged = list(table.polarizations) or labels
     source = imager_of(run, table)
     setup = Setup(
@@ -584,7 +581,7 @@ def imager_of(
     return ScanImager(chosen, grid, bands, weights, table.tolerance, table.device)
 
 
-def table_arrays(table: pd.DataFrame) -> dict[str, Any]:
+def table_arrays(table: pd.DataFrame) -> Entries:
     """Return one array per column of a table of numbers."""
     return {str(name): table[name].to_numpy() for name in table.columns}
 

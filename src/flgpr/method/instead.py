@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -27,7 +26,7 @@ from flgpr.method.stands_out import (
 )
 from flgpr.recipe.make import fit_recipe, with_earlier
 from flgpr.recipe.schema import parse_recipe, seen_lane
-from flgpr.types import FloatArray
+from flgpr.types import Entries, FloatArray
 
 BESIDE = "as-learnt"
 """Name of the detection as it was learnt, where another stands in for it."""
@@ -125,7 +124,7 @@ def _nearest_confidence(alarms: pd.DataFrame, learnt: pd.DataFrame, radius: floa
     return found
 
 
-def describe_trust(lane: ImagedRun, detections: Sequence[Detection]) -> dict[str, Any]:
+def describe_trust(lane: ImagedRun, detections: Sequence[Detection]) -> Entries:
     """Return what a manifest says of how far a detection can be trusted.
 
     ``stands_out`` always, ``far`` where a false-alarm rate was asked for, ``unlike`` where the
@@ -135,7 +134,7 @@ def describe_trust(lane: ImagedRun, detections: Sequence[Detection]) -> dict[str
     ground = seen_part(searched, seen_lane(lane.run, lane.recipe))
     detector = None if lane.substitute else lane.model.detector
     stands_out = what_stands_out(detections[0].alarms, ground, detector)
-    described: dict[str, Any] = {"stands_out": stands_out.as_json()}
+    described: Entries = {"stands_out": stands_out.as_json()}
     said = [sentence for stage in lane.all_stages for sentence in stage.sentences()]
     described["stands_out"]["notes"][1:1] = said
     if lane.trust.far is not None:

@@ -11,7 +11,8 @@ from flgpr.kernels.focus import focus
 from flgpr.kernels.sampling import bilinear
 from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.screen.views import grid_of
+from flgpr.model.run import polarizations_of
+from flgpr.screen.views import grid_of, sampled
 from flgpr.types import Complex128Array, ComplexArray, Float32Array, FloatArray, IndexArray
 
 CUT = np.round(np.arange(-40, 41) * 0.05, 3)
@@ -83,10 +84,7 @@ def cuts_along_sight(magnitude: xr.DataArray, points: FloatArray) -> Float32Arra
 
 def _sampled(magnitude: xr.DataArray, places: FloatArray) -> Float32Array:
     """Interpolate an image at places (point, ..., 2); return values by point and channel."""
-    grid = grid_of(magnitude)
-    row = (places[..., 1] - grid.y_min) / grid.dy
-    column = (places[..., 0] - grid.x_min) / grid.dx
-    by_channel = bilinear(magnitude.values, row, column)
+    by_channel = sampled(magnitude.values, grid_of(magnitude), places)
     return np.moveaxis(by_channel, 2, 0)
 
 
@@ -166,7 +164,7 @@ def coherency_at(image: xr.DataArray, points: FloatArray) -> Complex128Array:
     (point, 3, 3) ndarray of complex
         Zero where a polarization is missing.
     """
-    labels = [str(label) for label in image["polarization"].values]
+    labels = polarizations_of(image)
     cross_polarized = [label for label in ("HV", "VH") if label in labels]
     if not ({"HH", "VV"} <= set(labels) and cross_polarized):
         return np.zeros((len(points), 3, 3), np.complex128)

@@ -22,7 +22,7 @@ from flgpr.recipe.schema import Recipe
 from flgpr.store import Bundle, check_free_folder, sha256, write_bundle
 from flgpr.store.files import taken_for
 from flgpr.store.outputs import atomic_output
-from flgpr.types import AnyArray, Arrays, PathLike
+from flgpr.types import AnyArray, Arrays, Entries, PathLike
 
 FORMAT = "flgpr-model"
 VERSION = 1
@@ -42,7 +42,7 @@ class Model:
     detector: Detector | None = None  #: scores the alarms
     #: arrays of the stages, by the names that these have in the recipe
     stages: dict[str, Arrays] = field(default_factory=dict)
-    notes: dict[str, Any] = field(default_factory=dict)  #: what it was made of, and counts
+    notes: Entries = field(default_factory=dict)  #: what it was made of, and counts
     #: what tells whether ground is unlike that of training; None in models of older versions
     ground: TrainingGround | None = None
 
@@ -160,7 +160,7 @@ def save_model(
     model = as_model(model)
     folder = check_free_model(folder)
     groups: dict[str, Mapping[str, AnyArray]] = dict(model.stages)
-    detector_notes: dict[str, Any] = {}
+    detector_notes: Entries = {}
     if model.detector is not None:
         groups[DETECTOR] = model.detector.arrays()
         detector_notes = model.detector.notes
@@ -295,7 +295,7 @@ def _stage_names(head: Mapping[str, Any]) -> list[str]:
     return list(names)
 
 
-def describe_model(folder: PathLike) -> dict[str, Any]:
+def describe_model(folder: PathLike) -> Entries:
     """Return what a model holds by its head alone: none of its arrays is read.
 
     Returns

@@ -31,7 +31,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -39,7 +38,7 @@ import pandas as pd
 from flgpr.method.model import Detector
 from flgpr.method.unlike import FreeGround
 from flgpr.model import Lane
-from flgpr.types import FloatArray
+from flgpr.types import Entries, FloatArray
 
 SHARE = 0.95
 """Share of lanes on which a threshold is to hold."""
@@ -61,7 +60,7 @@ class RateThreshold:
     lanes: int = 0  #: training lanes that it comes from
     why_not: str = ""  #: why nothing is known
 
-    def as_json(self, above: int) -> dict[str, Any]:
+    def as_json(self, above: int) -> Entries:
         """Return it as JSON values, with the number of alarms above it."""
         finite = self.threshold is not None and math.isfinite(self.threshold)
         return {
@@ -186,7 +185,7 @@ class StandingOut:
             return ["lanes with truth give probabilities in place of this rule: `flgpr train`"]
         return []
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> Entries:
         """Return it as JSON values."""
         return {
             "count": self.count,

@@ -23,10 +23,11 @@ import numpy as np
 from pydantic import Field
 from scipy.special import stdtrit
 
+from flgpr.model import Grid
 from flgpr.model.bounds import Entries, NotNegative, Positive
 from flgpr.stages.standing import spread_scans
 from flgpr.stages.textured_clutter import SHAPES
-from flgpr.types import AnyArray, BoolArray, FloatArray, IndexArray
+from flgpr.types import AnyArray, FloatArray, IndexArray
 
 MEASURED = "unlike"
 """Name of the pass that measures a lane's clutter, and of its result."""
@@ -213,17 +214,17 @@ def size_number(place: int) -> int:
     return int(np.searchsorted(SIZES, place + 1))
 
 
-def level_profile(gain: AnyArray, rows: int, columns: BoolArray) -> FloatArray:
+def level_profile(gain: AnyArray, grid: Grid, across: tuple[float, float]) -> FloatArray:
     """Return the level of images by channel and metre, dB over the mean of all.
 
     Parameters
     ----------
     gain : (polarization, subband, y, x) ndarray
         Gain background.
-    rows : int
-        Rows in a metre.
-    columns : (x,) ndarray of bool
-        The columns that count.
+    grid : Grid
+        Its pixels.
+    across : tuple of float
+        From where to where columns count, m; all of them, where none lies there.
 
     Returns
     -------
@@ -231,6 +232,9 @@ def level_profile(gain: AnyArray, rows: int, columns: BoolArray) -> FloatArray:
         The median of a metre's power, which a bright target does not lift. A begun metre of less
         than half its rows is left out.
     """
+    rows = max(1, round(1 / grid.dy))
+    inside = (grid.x >= across[0]) & (grid.x <= across[1])
+    columns = inside if inside.any() else np.ones(grid.nx, bool)
     power = gain[..., columns].astype(float).reshape(-1, gain.shape[-2], columns.sum()) ** 2
     edges = np.arange(0, power.shape[1], rows)
     if len(edges) > 1 and 2 * (power.shape[1] - edges[-1]) < rows:
@@ -410,11 +414,14 @@ def compare_clutter(
     figures = []
     for name, (value, metre) in figures_of_clutter(sums, whitener, ground.tail).items():
         limit = limit_of(name, getattr(fitting[-1], name))
-        where = (
-            "" if metre is None else f"{nearest + metre:.1f} to {nearest + metre + 1:.1f} m ahead"
-        )
+        where = "" if metre is None else _ahead(nearest + metre)
         figures.append(Figure(name, value, limit, where))
     return figures
+
+
+def _ahead(first: float) -> str:
+    """Return a metre of the range in words."""
+    return f"{first:.1f} to {first + 1:.1f} m ahead"
 
 
 def compare_level(
@@ -425,7 +432,7 @@ def compare_level(
     if mean.shape != profile.shape:
         return []
     value, channel, metre = departure_of_level(profile, mean)
-    where = f"in {channels[channel]} {nearest + metre:.1f} to {nearest + metre + 1:.1f} m ahead"
+    where = f"in {channels[channel]} {_ahead(nearest + metre)}"
     return [Figure("level", value, limit_of("level", ground.level), where)]
 
 

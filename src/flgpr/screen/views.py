@@ -18,7 +18,17 @@ from flgpr.kernels.sampling import bilinear
 from flgpr.model import Grid, lane_to_scan, scan_to_lane
 from flgpr.model.constants import IMAGE_ATTRS
 from flgpr.model.run import described
-from flgpr.types import AnyArray, Arrays, BoolArray, Float32Array, FloatArray, IntArray
+from flgpr.types import (
+    AnyArray,
+    ArrayLike,
+    Arrays,
+    BoolArray,
+    Float32Array,
+    FloatArray,
+    IndexArray,
+    IntArray,
+    floats,
+)
 
 
 def sample_scan(image: xr.DataArray, points: FloatArray) -> Float32Array:
@@ -36,10 +46,20 @@ def sample_scan(image: xr.DataArray, points: FloatArray) -> Float32Array:
     ndarray of float32
         Magnitudes, leading axes of the image first; NaN outside.
     """
-    grid = grid_of(image)
+    return sampled(np.abs(image.values), grid_of(image), points)
+
+
+def pixels_at(grid: Grid, x: ArrayLike, y: ArrayLike) -> tuple[IndexArray, IndexArray]:
+    """Return rows and columns of the pixels of a grid that are nearest to points."""
+    row = np.rint((floats(y) - grid.y_min) / grid.dy).astype(np.intp)
+    return row, np.rint((floats(x) - grid.x_min) / grid.dx).astype(np.intp)
+
+
+def sampled(images: AnyArray, grid: Grid, points: FloatArray) -> AnyArray:
+    """Return images (..., y, x) on a grid at points (..., 2 or 3), bilinear; NaN outside."""
     row = (points[..., 1] - grid.y_min) / grid.dy
     column = (points[..., 0] - grid.x_min) / grid.dx
-    return bilinear(np.abs(image.values), row, column)
+    return bilinear(images, row, column)
 
 
 def reached_rows(view: Grid, y_max: float, image: Grid, pose: FloatArray) -> slice:
@@ -119,9 +139,7 @@ class LaneSums:
         rows = slice(max(reached.start - start, 0), max(reached.stop - start, 0))
 
         local = lane_to_scan(self._points[rows], pose)
-        row = (local[..., 1] - grid.y_min) / grid.dy
-        column = (local[..., 0] - grid.x_min) / grid.dx
-        values = bilinear(magnitude, row, column).astype(np.float32)
+        values = sampled(magnitude, grid, local).astype(np.float32)
         values[..., local[..., 1] > self.y_max] = np.nan
         known = np.isfinite(values)
         leading_axes = tuple(range(known.ndim - 2))

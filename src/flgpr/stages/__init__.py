@@ -26,6 +26,11 @@ if TYPE_CHECKING:
     from flgpr.model import Grid, Lane
 
 
+def scan_bytes(sizes: Mapping[str, int]) -> float:
+    """Return the bytes of the data of a scan of a run, by the lengths of the run's dimensions."""
+    return 8.0 * sizes["polarization"] * sizes["pair"] * sizes["frequency"]
+
+
 class Table(Entries):
     """A table of a recipe: it refuses unknown entries, and its numbers have bounds."""
 
@@ -51,6 +56,22 @@ class Setup:
     def pose(self, index: int) -> FloatArray:
         """Return the pose (6,) of the scan at an index among the complete ones."""
         return floats(self.run["pose"].values[self.imager.scans[index]])
+
+
+def scan_number(setup: Setup, index: int) -> int:
+    """Return the number in the run of the scan at an index among the complete ones."""
+    return int(setup.imager.scans[index])
+
+
+def measured(setup: Setup, index: int) -> ComplexArray:
+    """Return the measured data of the scan at an index."""
+    return setup.imager.signal(scan_number(setup, index))
+
+
+def imaged_labels(setup: Setup) -> list[str]:
+    """Return the labels of the polarizations that are imaged."""
+    labels = setup.run["polarization"].values
+    return [str(labels[number]) for number in setup.imaged]
 
 
 class Stage:
@@ -181,6 +202,10 @@ class ClutterStage(Stage):
     before: Callable[[int, int], ComplexArray]
     """Data of the scans up to an index, as the stages before leave it: ``before(index, count)``."""
 
+    def _data_before(self, index: int) -> ComplexArray:
+        """Return the data of the scan at an index, as the stages before leave it."""
+        return self.before(index, 1)[0]
+
     def clean(self, index: int, data: ComplexArray) -> ComplexArray:
         """Return the cleaned data of a scan.
 
@@ -210,7 +235,7 @@ class ClutterStage(Stage):
         """
         cleaned = []
         for scan_index in range(max(index - count + 1, 0), index + 1):
-            cleaned.append(self.clean(scan_index, self.before(scan_index, 1)[0]))
+            cleaned.append(self.clean(scan_index, self._data_before(scan_index)))
         return np.stack(cleaned)
 
     def of_image(self, index: int, image: xr.DataArray) -> xr.DataArray:  # noqa: ARG002

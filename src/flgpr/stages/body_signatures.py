@@ -13,7 +13,7 @@ from flgpr.model import Grid, Sensor, lane_to_scan, load_sensor
 from flgpr.model.run_sensor import sensor_of_run
 from flgpr.simulate import ALONE, BARE, Scene, Simulator
 from flgpr.stages import Setup
-from flgpr.types import ComplexArray, FloatArray
+from flgpr.types import ComplexArray, Entries, FloatArray
 
 OWN_ARRAY = "run"
 """Name of the sensor that is the array of the run itself."""
@@ -148,13 +148,16 @@ def _simulate(
     run = simulator.run(bodies=True)
     if not bodies.kinds:
         # A stone is what the scan with it has more than the one without.
-        stones = [_stone(spot) for spot in spots]
+        stones = [
+            {"kind": "rock", "x": spot.x, "y": spot.y, "radius": spot.stone_radius}
+            for spot in spots
+        ]
         with_stones = Simulator(Scene.model_validate(ground | {"objects": stones}), sensor, seed)
         run["signal"] = with_stones.run()["signal"] - simulator.run()["signal"]
     return run, simulator.pose
 
 
-def _ground(soil: tuple[float, float], count: int, limits: tuple[float, float]) -> dict[str, Any]:
+def _ground(soil: tuple[float, float], count: int, limits: tuple[float, float]) -> Entries:
     """Return the scene of bare ground with a scan for each of so many bodies."""
     permittivity, loss_tangent = soil
     return {
@@ -168,7 +171,7 @@ def _ground(soil: tuple[float, float], count: int, limits: tuple[float, float]) 
     }
 
 
-def _target(spot: _Spot) -> dict[str, Any]:
+def _target(spot: _Spot) -> Entries:
     """Return the entries of a mine in a scene."""
     lean_x, lean_y = spot.lean
     return {
@@ -179,11 +182,6 @@ def _target(spot: _Spot) -> dict[str, Any]:
         "tilt": math.hypot(lean_x, lean_y),
         "azimuth": math.atan2(lean_y, lean_x),
     }
-
-
-def _stone(spot: _Spot) -> dict[str, Any]:
-    """Return the entries of a stone in a scene."""
-    return {"kind": "rock", "x": spot.x, "y": spot.y, "radius": spot.stone_radius}
 
 
 def sensor_of(setup: Setup, name: str, antennas: str = "") -> Sensor:

@@ -25,7 +25,7 @@ from flgpr.screen.clusters import Rule
 from flgpr.screen.views import grid_of
 from flgpr.stages import FeatureStage, Positive, ScreenStage, Setup, Table, TrainingView
 from flgpr.stages.too_few import HALF
-from flgpr.types import AnyArray, Arrays, FloatArray
+from flgpr.types import AnyArray, Arrays, Entries, FloatArray
 
 _ELLIPSE = ("half_x", "half_y", "offset_x", "offset_y")
 _THRESHOLDS = ("amplitude", "size", "std", "energy_ratio")
@@ -207,7 +207,7 @@ class ClusterScreen(ScreenStage):
         return ellipse, ClusterThresholds(*(float(self.learnt[name][p, r]) for name in _THRESHOLDS))
 
     @classmethod
-    def fit(cls, settings: Any, examples: list[TrainingView]) -> tuple[Arrays, dict[str, Any]]:
+    def fit(cls, settings: Any, examples: list[TrainingView]) -> tuple[Arrays, Entries]:
         """Set ellipse and thresholds of every channel by the subset's mines."""
         templates = templates_of(examples, settings)
         mines = subset(examples, settings.share, settings.kinds)
@@ -270,7 +270,7 @@ class TemplateFeatures(FeatureStage):
         return dict(zip(names, values.T, strict=True))
 
     @classmethod
-    def fit(cls, settings: Any, examples: list[TrainingView]) -> tuple[Arrays, dict[str, Any]]:
+    def fit(cls, settings: Any, examples: list[TrainingView]) -> tuple[Arrays, Entries]:
         """Average the subset's signatures."""
         templates = templates_of(examples, settings)
         count = sum(map(len, subset(examples, settings.share)))

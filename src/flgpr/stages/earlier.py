@@ -21,7 +21,7 @@ from flgpr.engine import Accumulator, PlannedPass, append_accumulator
 from flgpr.imaging import ScanImager
 from flgpr.jit.threads import blas_on_one_thread
 from flgpr.model import Grid, complete_scans
-from flgpr.stages import ClutterStage, Positive, Table
+from flgpr.stages import ClutterStage, Positive, Table, imaged_labels, scan_bytes
 from flgpr.stages.earlier_ground import (
     EarlierDrive,
     FittedGround,
@@ -34,7 +34,7 @@ from flgpr.stages.earlier_ground import (
     moved_onto,
 )
 from flgpr.stages.standing import StandingSettings, spread_scans, standing_pass
-from flgpr.types import Arrays, ComplexArray, FloatArray, floats
+from flgpr.types import Arrays, ComplexArray, Entries, FloatArray, floats
 
 BEFORE = "before"
 """Name of an earlier run in ``others``; of several runs each has it with a number, ``before-2``."""
@@ -136,7 +136,7 @@ class EarlierRuns(ClutterStage):
     def _imager(self, name: str, run: xr.Dataset) -> ScanImager:
         """Return the imager of a run on this run's pixels."""
         own = self.setup.imager
-        labels = [str(own.run["polarization"].values[number]) for number in self.setup.imaged]
+        labels = imaged_labels(self.setup)
         lacking = [label for label in labels if label not in run["polarization"].values]
         if lacking:
             raise ValueError(
@@ -158,9 +158,13 @@ class EarlierRuns(ClutterStage):
     def memory(cls, settings: Any, sizes: Mapping[str, int], image: Grid) -> float:
         """Estimate the bytes of the images and of their moved copies in one channel."""
         copies = settings.looks * (2 * settings.reach + 1) ** 2
-        samples = sizes["polarization"] * sizes["pair"] * sizes["frequency"]
         images = 8.0 * image.nx * image.ny * (copies + 16 * settings.looks)
-        return images + 4 * 8.0 * 64 * samples + _KEPT + (2 * _KEPT if settings.iterations else 0.0)
+        return (
+            images
+            + 4 * 64 * scan_bytes(sizes)
+            + _KEPT
+            + (2 * _KEPT if settings.iterations else 0.0)
+        )
 
     def passes(self) -> list[PlannedPass]:
         """Return the passes of the standing fields of all drives, and of how well the drives fit.
@@ -169,7 +173,7 @@ class EarlierRuns(ClutterStage):
         is fitted it is taken out first, today's and then that of the earlier drives.
         """
         scans = len(self.setup.imager)
-        own = standing_pass(STANDING, scans, _MOST, lambda index: self.before(index, 1)[0])
+        own = standing_pass(STANDING, scans, _MOST, self._data_before)
         match = PlannedPass(_MATCH, "match with earlier drives", self._match, all_scans=True)
         if not self.settings.iterations:
             return [own, match]
@@ -193,7 +197,7 @@ class EarlierRuns(ClutterStage):
 
     def _without_earlier_ground(self, index: int) -> ComplexArray:
         """Return the data of a scan less what earlier drives say of its ground."""
-        data = self.before(index, 1)[0].copy()
+        data = self._data_before(index).copy()
         imaged = self.setup.imaged
         cleaned = self.clean(index, data)[imaged]
         ground = self.ground_in(cleaned, self.setup.pose(index))
@@ -208,13 +212,17 @@ class EarlierRuns(ClutterStage):
         """
         pose = self.setup.pose(index)
         for scan in self._nearest(drive, pose)[:1]:
-            data = self.data(index, 1)[0][self.setup.imaged]
+            data = self._imaged_data(index)
             fit = partial(self._model.fit, self.setup.imager, pose, data)
             today = self._fitted.of(index, fit)
             cleaned = drive.cleaned(scan)
             ground = self._seen(drive.imager, drive.pose(scan), cleaned, today, pose)
             return drive.imager.signal(scan) - ground
         return None
+
+    def _imaged_data(self, index: int) -> ComplexArray:
+        """Return the cleaned data of a scan, of the polarizations that are imaged."""
+        return self.data(index, 1)[0][self.setup.imaged]
 
     def ground_in(self, cleaned: ComplexArray, pose: FloatArray) -> ComplexArray | None:
         """Return what the nearest scan of the earlier drives says of the ground in a scan's data.
@@ -367,7 +375,7 @@ class EarlierRuns(ClutterStage):
         def add(index: int) -> None:
             if index not in chosen:
                 return
-            data, pose = self.data(index, 1)[0][self.setup.imaged], self.setup.pose(index)
+            data, pose = self._imaged_data(index), self.setup.pose(index)
             operator = own.operator_at(pose, own.grid.points(), own.subbands, own.window)
             image = operator.adjoint(data)
             prediction = self.predict(image, pose)
@@ -379,12 +387,12 @@ class EarlierRuns(ClutterStage):
 
         return append_accumulator(pieces, add)
 
-    def notes(self) -> dict[str, Any]:
+    def notes(self) -> Entries:
         """Return how well the drives fit, and how many scans no earlier one lies near."""
         match = self.setup.results[_MATCH]
         scans = range(len(self.setup.imager))
         alone = sum(self.is_alone(self.setup.pose(index)) for index in scans)
-        notes: dict[str, Any] = {"earlier_runs": len(self._drives), "scans_without_earlier": alone}
+        notes: Entries = {"earlier_runs": len(self._drives), "scans_without_earlier": alone}
         if "power" in match:
             notes["earlier_suppression_db"] = _suppression(match["power"].sum(axis=0))
             notes["earlier_offset"] = round(float(np.median(match["offset"])), 3)

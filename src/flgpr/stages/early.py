@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from flgpr.clutter import early_basis, subtract_early
 from flgpr.model import vehicle_to_scan
 from flgpr.stages import ClutterStage, Positive, Table
-from flgpr.types import Complex128Array, ComplexArray
+from flgpr.types import Complex128Array, ComplexArray, Entries
 
 _POSES = 16  # whose heights and attitudes are looked at
 _PIXELS = 40  # rows, and columns, of the image that are looked at
@@ -34,7 +34,7 @@ class EarlyEchoes(ClutterStage):
         """Return the data without early echoes."""
         return subtract_early(data, self._basis)
 
-    def notes(self) -> dict[str, Any]:
+    def notes(self) -> Entries:
         """Return up to which path echoes are taken out, m."""
         return {"early_path": round(self._path, 3)}
 

@@ -26,7 +26,7 @@ from flgpr.model import ground_points, lane_to_scan
 from flgpr.model.bounds import AtLeastOne, NotNegative
 from flgpr.stages import MapStage, Positive, Setup, Table
 from flgpr.stages.too_few import Change, Tally, TooFewExamplesError, clear_change
-from flgpr.types import AnyArray, Arrays, Float32Array, FloatArray
+from flgpr.types import AnyArray, Arrays, Entries, Float32Array, FloatArray
 
 MOST_FORMS = 64
 _FORM = ("strength", "vectors", "linear", "offset")
@@ -228,7 +228,7 @@ class FormMap(MapStage):
         return append_accumulator(pieces, add)
 
     @classmethod
-    def fit(cls, settings: Any, examples: list[Any]) -> tuple[Arrays, dict[str, Any]]:
+    def fit(cls, settings: Any, examples: list[Any]) -> tuple[Arrays, Entries]:
         """Train the detector on the mines of all training lanes, whitened by their clutter."""
         samples = TrainingSamples(
             target=np.concatenate([lane["target"] for lane in examples]),
@@ -278,24 +278,23 @@ class DeflectionMap(FormMap):
     """The deflection-optimal linear-quadratic detector (Cosgrove et al. 2004, Eq. 12)."""
 
     @classmethod
-    def trained(cls, settings: Any, samples: TrainingSamples) -> list[LinearQuadraticForm]:
-        """Return the forms of the detector that is trained on whitened cuts."""
-        whitener = ClutterWhitener(settings.moments).fit(samples.clutter)
-        trained = DeflectionDetector(settings.rank, settings.ddof).fit(
-            whitener.transform(samples.target)
-        )
-        return [form.after(whitener.mean_, whitener.matrix_) for form in trained.forms_]
-
-
-class NeymanPearsonMap(FormMap):
-    """The Neyman-Pearson detector of Gaussian signals (Cosgrove et al. 2004, Sec. II)."""
+    def _detector(cls, settings: Any) -> DeflectionDetector | NeymanPearsonDetector:
+        return DeflectionDetector(settings.rank, settings.ddof)
 
     @classmethod
     def trained(cls, settings: Any, samples: TrainingSamples) -> list[LinearQuadraticForm]:
         """Return the forms of the detector that is trained on whitened cuts."""
         whitener = ClutterWhitener(settings.moments).fit(samples.clutter)
-        trained = NeymanPearsonDetector(settings.rank).fit(whitener.transform(samples.target))
+        trained = cls._detector(settings).fit(whitener.transform(samples.target))
         return [form.after(whitener.mean_, whitener.matrix_) for form in trained.forms_]
+
+
+class NeymanPearsonMap(DeflectionMap):
+    """The Neyman-Pearson detector of Gaussian signals (Cosgrove et al. 2004, Sec. II)."""
+
+    @classmethod
+    def _detector(cls, settings: Any) -> NeymanPearsonDetector:
+        return NeymanPearsonDetector(settings.rank)
 
 
 class WhiteningMap(FormMap):

@@ -19,7 +19,8 @@ from flgpr.detect.scorers.checks import Checked
 from flgpr.engine import Accumulator, sum_accumulator
 from flgpr.model import Grid, Sensor, scan_to_lane
 from flgpr.model.bounds import AtLeastOne, NotNegative, Spacing
-from flgpr.stages import MapStage, Positive, Setup, Table
+from flgpr.screen.views import pixels_at
+from flgpr.stages import MapStage, Positive, Setup, Table, imaged_labels
 from flgpr.stages.body_signatures import (
     OWN_ARRAY,
     Bodies,
@@ -39,10 +40,10 @@ from flgpr.stages.textured_clutter import (
 )
 from flgpr.stages.too_few import Tally, TooFewExamplesError, clear_change
 from flgpr.types import (
-    AnyArray,
     Arrays,
     BoolArray,
     ComplexArray,
+    Entries,
     Float32Array,
     FloatArray,
     IntArray,
@@ -165,6 +166,8 @@ class LikelihoodMap(MapStage):
         columns_apart = max(1, round(settings.step / grid.dx))
         self._rows = np.arange(rows_apart, grid.ny - rows_apart, rows_apart)
         self._columns = np.arange(columns_apart, grid.nx - columns_apart, columns_apart)
+        ahead = (grid.y[self._rows] - grid.y_min).astype(np.int64)
+        self._metre = np.clip(ahead, 0, self._metres - 1)  # of each of these rows
         if not len(self._rows) or not len(self._columns):
             raise ValueError(
                 f"map.step must leave pixels within an image's borders, got {settings.step:g}"
@@ -222,12 +225,11 @@ class LikelihoodMap(MapStage):
 
     def _ordinary(self, scan_image: xr.DataArray) -> dict[int, ComplexArray]:
         """Return the chips (chip, value) in the lane by metre, without those most like a mine."""
-        metre = self._metre(self.setup.images.y[self._rows])
         _, in_lane = self._places(scan_image)
         chips = self._chips(scan_image.values)
         ordinary = {}
-        for number in np.unique(metre):
-            some = chips[in_lane & (metre == number)[:, None]]
+        for number in np.unique(self._metre):
+            some = chips[in_lane & (self._metre == number)[:, None]]
             if not len(some):
                 continue
             ground = self._learnt_ground(int(number))
@@ -272,12 +274,11 @@ class LikelihoodMap(MapStage):
     def _likelihood(self, image: xr.DataArray, substitute: str) -> FloatArray:
         """Return the log-likelihood ratio (y, x) of an image."""
         chips = self._chips(image.values)
-        metre = self._metre(self.setup.images.y[self._rows])
         value = np.empty(chips.shape[:2])
-        for number in np.unique(metre):
+        for number in np.unique(self._metre):
             ground = self._ground(int(number), substitute)
-            white = chips[metre == number] @ ground.whitener.T
-            value[metre == number] = self._ratio(white, ground, _MINES)
+            white = chips[self._metre == number] @ ground.whitener.T
+            value[self._metre == number] = self._ratio(white, ground, _MINES)
         return self._interpolated(value)
 
     def parts(self, image: xr.DataArray) -> tuple[Arrays, Arrays]:
@@ -295,11 +296,11 @@ class LikelihoodMap(MapStage):
         table = self.settings
         substitute = self.substitute()
         chips = self._chips(image.values)
-        metre = self._metre(self.setup.images.y[self._rows])
         subbands = [str(name) for name in image["subband"].values]
         rows: dict[str, list[FloatArray]] = {}
-        for number in np.unique(metre):
-            ratios = self._ratios(chips[metre == number], int(number), subbands, substitute)
+        for number in np.unique(self._metre):
+            of_metre = chips[self._metre == number]
+            ratios = self._ratios(of_metre, int(number), subbands, substitute)
             for name, value in ratios.items():
                 rows.setdefault(name, []).append(value)
         maps = {}
@@ -402,7 +403,6 @@ class LikelihoodMap(MapStage):
         Signatures are in units of this lane's background.
         """
         targets = truth[["x", "y"]].to_numpy(dtype=np.float64)
-        metre = self._metre(self.setup.images.y[self._rows])
         sensor = sensor_of(self.setup, self.settings.sensor, self.settings.antennas)
         sums = self._no_sums()
 
@@ -413,14 +413,14 @@ class LikelihoodMap(MapStage):
             to_target = distances.min(axis=-1, initial=np.inf)
             free = in_lane & (to_target > self.settings.clear)
             chips = self._chips(scan_image.values)
-            for number in np.unique(metre[free.any(axis=1)]):
-                at_metre = free & (metre == number)[:, None]
+            for number in np.unique(self._metre[free.any(axis=1)]):
+                at_metre = free & (self._metre == number)[:, None]
                 self._add_clutter(sums, int(number), chips[at_metre])
 
         return sum_accumulator(sums, add, lambda: sums | self._simulated(sensor))
 
     @classmethod
-    def fit(cls, settings: Any, examples: list[Any]) -> tuple[Arrays, dict[str, Any]]:
+    def fit(cls, settings: Any, examples: list[Any]) -> tuple[Arrays, Entries]:
         """Learn what whitens the clutter of all lanes, and the signatures' directions in it.
 
         Both are learnt by metre ahead.
@@ -479,9 +479,7 @@ class LikelihoodMap(MapStage):
         count = np.sum([lane["count"] for lane in others], axis=0)
         if count.sum() < total.shape[-1]:
             return learnt
-        whitener = []
-        for metre in range(len(count)):
-            whitener.append(clutter_whitener(total, count, metre, settings.load))
+        whitener = [clutter_whitener(total, count, m, settings.load) for m in range(len(count))]
         return learnt | {"whitener": np.array(whitener).astype(np.complex64)}
 
     def _no_sums(self) -> Arrays:
@@ -508,10 +506,6 @@ class LikelihoodMap(MapStage):
         ground = scan_to_lane(pixels, np.asarray(image.attrs["pose"]))[..., :2]
         return ground, self.setup.lane.contains(ground[..., 0], ground[..., 1])
 
-    def _metre(self, y: AnyArray) -> IntArray:
-        """Return how many whole metres y (m, scan frame) lies from the image's near border."""
-        return np.clip((y - self.setup.images.y_min).astype(np.int64), 0, self._metres - 1)
-
     def _chips(self, image: ComplexArray) -> ComplexArray:
         """Cut all chips (row, column, value) out of an image.
 
@@ -535,8 +529,7 @@ class LikelihoodMap(MapStage):
         for group, kinds in ((_MINES, table.kinds), (_STONES, ())):
             bodies = Bodies(kinds, table.depths, table.soils, table.copies, table.step)
             raw, places = signatures(bodies, sensor, imaging)
-            pixels = (places - (grid.x_min, grid.y_min)) / (grid.dx, grid.dy)
-            column, row = np.round(pixels).astype(int).T
+            row, column = pixels_at(grid, *places.T)
             gain = np.moveaxis(background["gain"][:, :, row, column], 2, 0)
             level = gain * background["gains"].mean(axis=0)
             chips = (raw / level[..., None]).reshape(len(raw), -1)
@@ -548,14 +541,13 @@ class LikelihoodMap(MapStage):
         """Return how simulated bodies are imaged: as the run is."""
         setup = self.setup
         grid = setup.images
-        labels = tuple(str(setup.run["polarization"].values[number]) for number in setup.imaged)
         pixels = tuple(zip(self._across * grid.dx, self._down * grid.dy, strict=True))
         left = max(grid.x_min, setup.lane.x_min)
         right = min(grid.extent()[1], setup.lane.x_max)
         return Imaging(
             grid=grid,
             subbands=tuple(setup.imager.subbands.items()),
-            polarizations=labels,
+            polarizations=tuple(imaged_labels(setup)),
             window=window_of(setup.imager),
             tolerance=setup.imager.tolerance,
             pixels=pixels,

@@ -42,10 +42,11 @@ from flgpr.model import (
     scan_to_lane,
 )
 from flgpr.model.bounds import Spacing
-from flgpr.stages import ClutterStage, Positive, Table
+from flgpr.model.run import polarizations_of
+from flgpr.stages import ClutterStage, Positive, Table, scan_bytes
 from flgpr.stages.standing import StandingSettings, standing_pass
 from flgpr.stages.too_few import Change, Tally, TooFewExamplesError
-from flgpr.types import Arrays, BoolArray, ComplexArray, Float32Array, FloatArray, IntArray
+from flgpr.types import Arrays, BoolArray, ComplexArray, Entries, Float32Array, FloatArray, IntArray
 
 OperatorOn = Callable[[FloatArray], ImagingOperator]
 """Returns the imaging operator of a scan on points."""
@@ -143,7 +144,7 @@ class MaskedSuppression(ClutterStage):
             np.broadcast_to(self.grid.y[:, None], self.grid.shape), settings.edges
         )
         self.across = np.broadcast_to(self.grid.x, self.grid.shape)
-        labels = [str(label) for label in setup.run["polarization"].values]
+        labels = polarizations_of(setup.run)
         cross = next((label for label in ("VH", "HV") if label in labels), None)
         if "VV" not in labels or cross is None:
             raise ValueError(f"masks need a run with VV and VH or HV, got {', '.join(labels)}")
@@ -194,7 +195,7 @@ class MaskedSuppression(ClutterStage):
     @classmethod
     def memory(cls, settings: Any, sizes: Mapping[str, int], image: Grid) -> float:
         """Estimate the bytes of a block's cleaned data, and of the images of one aperture."""
-        data = 8.0 * sizes["polarization"] * sizes["pair"] * sizes["frequency"]
+        data = scan_bytes(sizes)
         return settings.frames * (2 * BLOCK * data + 100.0 * image.nx * image.ny + 20 * data)
 
     def aperture(self, index: int) -> Aperture:
@@ -344,7 +345,7 @@ class MaskedSuppression(ClutterStage):
         operator = aperture.stack_on(self.points[fitted])
         return suppress_by_model(b, operator, count, spared=~mask[fitted]).data
 
-    def notes(self) -> dict[str, Any]:
+    def notes(self) -> Entries:
         """Return in how many apertures the best iteration replaces the average, if in any."""
         count = 0
         for number in range(len(blocks_of(len(self.setup.imager)))):
@@ -453,7 +454,7 @@ class MaskedSuppression(ClutterStage):
         return ThresholdCalibration(len(settings.edges) - 1, settings.response_db)
 
     @classmethod
-    def fit(cls, settings: Any, examples: list[Any]) -> tuple[Arrays, dict[str, Any]]:
+    def fit(cls, settings: Any, examples: list[Any]) -> tuple[Arrays, Entries]:
         """Set the thresholds of all sub-regions (Fuse et al. 2018, Sec. 2.4).
 
         They are "as low as possible without compromising the target signal response".

@@ -6,6 +6,7 @@ One stage subtracts their response, another says how much of an alarm it explain
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -14,13 +15,14 @@ from pydantic import Field
 
 from flgpr.clutter import roadside_mask, suppress_by_model
 from flgpr.engine import BLOCK, Accumulator, PlannedPass, append_accumulator, block_name, blocks_of
-from flgpr.kernels.sampling import bilinear
 from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import Grid, lane_to_scan
 from flgpr.model.bounds import Moderate, Spacing
+from flgpr.model.run import polarizations_of
 from flgpr.screen import RunViewSums, sample_scan
-from flgpr.stages import ClutterStage, FeatureStage, Setup, Table
-from flgpr.types import AnyArray, Arrays, ComplexArray, FloatArray
+from flgpr.screen.views import sampled
+from flgpr.stages import ClutterStage, FeatureStage, Setup, Table, measured, scan_bytes, scan_number
+from flgpr.types import AnyArray, Arrays, ComplexArray, Entries, FloatArray
 
 MASK = "roadside"
 """Name of the pass that finds the mask."""
@@ -114,15 +116,15 @@ class RoadsideModel:
 
     def image(self, index: int, data: ComplexArray) -> xr.DataArray:
         """Return the image of data of the scan at an index."""
-        return self.setup.imager.image(int(self.setup.imager.scans[index]), data)
+        return self.setup.imager.image(scan_number(self.setup, index), data)
 
-    def notes(self) -> dict[str, Any]:
+    def notes(self) -> Entries:
         """Return the mask's size and middle, and what its brightest pixel lost.
 
         Needs the results of both passes.
         """
         points = self.points
-        notes: dict[str, Any] = {"mask_pixels": len(points)}
+        notes: Entries = {"mask_pixels": len(points)}
         if len(points):
             before = 0.0
             after = 0.0
@@ -196,7 +198,7 @@ class RoadsideModel:
         band = setup.imager.subbands[self.settings.subband]
         weight = band_weights(tones, (band,), WINDOWS["hann"])[0]
         points = lane_to_scan(self.points, setup.pose(index))
-        operator = setup.imager.operator_on(int(setup.imager.scans[index]), points)
+        operator = setup.imager.operator_on(scan_number(setup, index), points)
         return suppress_by_model(data, operator, self.settings.iterations, weight).data
 
     def _peak(self, index: int, data: ComplexArray) -> float:
@@ -225,7 +227,7 @@ class RoadsideSuppression(ClutterStage):
 
     def __init__(self, settings: Any, setup: Any, learnt: Arrays | None = None) -> None:
         super().__init__(settings, setup, learnt)
-        self.model = RoadsideModel(settings, setup, lambda index: self.before(index, 1)[0])
+        self.model = RoadsideModel(settings, setup, self._data_before)
 
     @classmethod
     def memory(cls, settings: Any, sizes: Mapping[str, int], image: Grid) -> float:  # noqa: ARG003
@@ -240,7 +242,7 @@ class RoadsideSuppression(ClutterStage):
         """Return the data without the fitted response."""
         return self.model.cleaned(index)
 
-    def notes(self) -> dict[str, Any]:
+    def notes(self) -> Entries:
         """Return the size of the mask and what its brightest pixel lost."""
         return self.model.notes()
 
@@ -259,13 +261,13 @@ class RoadsideShare(FeatureStage):
 
     def __init__(self, settings: Any, setup: Any, learnt: Arrays | None = None) -> None:
         super().__init__(settings, setup, learnt)
-        labels = [str(label) for label in setup.run["polarization"].values]
+        labels = polarizations_of(setup.run)
         if settings.polarization not in labels:
             raise ValueError(
                 f"roadside.polarization must be one of {', '.join(labels)}, got "
                 f"{settings.polarization!r}"
             )
-        self.model = RoadsideModel(settings, setup, self._data)
+        self.model = RoadsideModel(settings, setup, partial(measured, setup))
 
     @classmethod
     def memory(cls, settings: Any, sizes: Mapping[str, int], image: Grid) -> float:  # noqa: ARG003
@@ -276,7 +278,7 @@ class RoadsideShare(FeatureStage):
         """Find the mask and fit what lies under it."""
         return self.model.passes()
 
-    def notes(self) -> dict[str, Any]:
+    def notes(self) -> Entries:
         """Return the size of the mask and what its brightest pixel lost."""
         return self.model.notes()
 
@@ -284,22 +286,14 @@ class RoadsideShare(FeatureStage):
         """Return the share of every alarm; NaN where the scan does not see it."""
         index = int(np.flatnonzero(self.setup.imager.scans == image.attrs["scan"])[0])
         channel = {"polarization": self.settings.polarization, "subband": self.settings.subband}
-        data = self._data(index)
+        data = measured(self.setup, index)
         before = self.model.image(index, data).sel(channel).values
         after = self.model.image(index, self.model.cleaned(index)).sel(channel).values
-        grid = self.setup.imager.grid
-        rows = (points[:, 1] - grid.y_min) / grid.dy
-        columns = (points[:, 0] - grid.x_min) / grid.dx
-        total = np.abs(bilinear(before, rows, columns))
-        explained = np.abs(bilinear(before - after, rows, columns))
+        values = np.stack([before, before - after])
+        total, explained = np.abs(sampled(values, self.setup.imager.grid, points))
         return {"roadside": explained / np.maximum(total, np.finfo(np.float64).tiny)}
-
-    def _data(self, index: int) -> ComplexArray:
-        """Return the measured data of the scan at an index."""
-        return self.setup.imager.signal(int(self.setup.imager.scans[index]))
 
 
 def _memory(sizes: Mapping[str, int], image: Grid) -> float:
     """Estimate the bytes of a block's cleaned data and of the images before and after."""
-    data = 8.0 * sizes["polarization"] * sizes["pair"] * sizes["frequency"]
-    return 2 * BLOCK * data + 4 * 8.0 * sizes["polarization"] * image.nx * image.ny
+    return 2 * BLOCK * scan_bytes(sizes) + 4 * 8.0 * sizes["polarization"] * image.nx * image.ny

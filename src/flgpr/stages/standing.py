@@ -11,7 +11,7 @@ from pydantic import Field
 from flgpr.clutter import standing_field, subtract_standing
 from flgpr.engine import Accumulator, PlannedPass, append_accumulator
 from flgpr.model import Grid
-from flgpr.stages import ClutterStage, Table
+from flgpr.stages import ClutterStage, Table, scan_bytes
 from flgpr.types import Arrays, ComplexArray, IndexArray
 
 
@@ -87,8 +87,7 @@ class StandingField(ClutterStage):
     def memory(cls, settings: Any, sizes: Mapping[str, int], image: Grid) -> float:  # noqa: ARG003
         """Estimate the bytes of the scans of the median and its copies."""
         scans = min(settings.most, sizes["scan"])
-        samples = sizes["polarization"] * sizes["pair"] * sizes["frequency"]
-        return 4 * 8.0 * scans * samples
+        return 4 * scans * scan_bytes(sizes)
 
     def passes(self) -> list[PlannedPass]:
         """Return the pass that estimates the field."""
@@ -98,7 +97,3 @@ class StandingField(ClutterStage):
     def clean(self, index: int, data: ComplexArray) -> ComplexArray:  # noqa: ARG002
         """Return the data without the field."""
         return subtract_standing(data, self.setup.results["standing"]["field"])
-
-    def _data_before(self, index: int) -> ComplexArray:
-        """Return the data of a scan as the stages before leave them."""
-        return self.before(index, 1)[0]

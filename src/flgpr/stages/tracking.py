@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 import xarray as xr
 
-from flgpr.stages import FeatureStage, Positive, Setup, Table
+from flgpr.stages import FeatureStage, Positive, Setup, Table, imaged_labels
 from flgpr.types import Arrays, Float32Array, FloatArray
 
 
@@ -36,9 +36,8 @@ class Tracking(FeatureStage):
     def __init__(self, settings: Any, setup: Setup, learnt: Arrays | None = None) -> None:
         super().__init__(settings, setup, learnt)
         imager = setup.imager
-        labels = imager.run["polarization"].values
-        imaged = [str(labels[number]) for number in setup.imaged]
-        polarization = _index_of("tracking.polarization", settings.polarization, imaged)
+        labels = imaged_labels(setup)
+        polarization = _index_of("tracking.polarization", settings.polarization, labels)
         subband = _index_of("tracking.subband", settings.subband, list(imager.subbands))
         self._channel = (polarization, subband)
 

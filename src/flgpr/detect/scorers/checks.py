@@ -10,7 +10,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from flgpr.types import AnyArray, FloatArray
+from flgpr.types import AnyArray, Entries, FloatArray
 
 Arrays = Mapping[str, AnyArray]
 
@@ -160,7 +160,7 @@ class StoredScorer(ABC):
         """Return the arrays that the scores depend on."""
         return {name: value for name, value in held_fields(self) if isinstance(value, np.ndarray)}
 
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> Entries:
         """Return the settings that the scores depend on, as JSON holds them."""
         return {
             name: value for name, value in held_fields(self) if not isinstance(value, np.ndarray)

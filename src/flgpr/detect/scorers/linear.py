@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 
 from flgpr.detect.scorers.checks import Checked, StoredScorer, refuse_unless
-from flgpr.types import FloatArray
+from flgpr.types import Entries, FloatArray
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class LinearScorer(StoredScorer):
         """Score samples (n_samples, n_features)."""
         return np.asarray(X @ self.weight + self.intercept)
 
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> Entries:
         """Return the intercept, and whether examples weighed alike."""
         return {"intercept": self.intercept, "plain": self.unweighted}
 

@@ -12,7 +12,7 @@ Alarms: the local maxima of the run-view, of which the density rule leaves the s
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
@@ -21,7 +21,7 @@ from flgpr.engine import bundle_groups, concatenate, group_of
 from flgpr.method.imaged_run import ImagedRun, table_arrays
 from flgpr.method.passes.traversal import ImagedScan, Pass, view_key
 from flgpr.screen import RunViewSums, frame_alarms, select
-from flgpr.types import AnyArray, Arrays, FloatArray
+from flgpr.types import AnyArray, Arrays, Entries, FloatArray
 
 _AS_LEARNT = "as_learnt"
 
@@ -211,7 +211,7 @@ class Maxima(Pass):
         else:
             maxima = self._in_section(lane.screener.alarms(view).select_dtypes("number"))
         places = maxima[["x", "y"]].to_numpy(dtype=np.float64)
-        columns: dict[str, Any] = {name: maxima[name] for name in maxima.columns}
+        columns: Entries = {name: maxima[name] for name in maxima.columns}
         for stage in lane.columns:
             columns.update(stage.of_view(view, places))
         # Of all columns at once: there may be thousands.

@@ -20,10 +20,10 @@ import xarray as xr
 from flgpr.engine import Accumulator, PlannedPass, bundle_groups, group_of
 from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.steps import CleanedImages
-from flgpr.stages import FeatureStage
+from flgpr.stages import FeatureStage, measured
 from flgpr.stages.named import Named
 from flgpr.store import sha256
-from flgpr.types import AnyArray, Arrays, ComplexArray, Float32Array, FloatArray, floats
+from flgpr.types import AnyArray, Arrays, ComplexArray, Entries, Float32Array, FloatArray, floats
 
 
 class ImagedScan:
@@ -44,7 +44,7 @@ class ImagedScan:
         """
         lane = self._lane
         if lane.reads_data_once:
-            return lane.imager.signal(int(lane.imager.scans[self.index]))
+            return measured(lane.setup, self.index)
         return None
 
     @cached_property
@@ -163,7 +163,7 @@ class Pass:
         raise NotImplementedError
 
     @staticmethod
-    def cache_key(lane: ImagedRun) -> dict[str, Any] | None:  # noqa: ARG004
+    def cache_key(lane: ImagedRun) -> Entries | None:  # noqa: ARG004
         """Return what the result depends on, by which other recipes share it.
 
         None if no other recipe can use the result.
@@ -246,7 +246,7 @@ VIEWING = IMAGING | {"run_view", "contrast", "map"}
 """Tables of a recipe that run-views and what is read at alarms depend on."""
 
 
-def background_key(lane: ImagedRun) -> dict[str, Any] | None:
+def background_key(lane: ImagedRun) -> Entries | None:
     """Return what the self-signature and the gain background depend on."""
     recipe = lane.recipe
     for stage in [*recipe.clutter, *_image_features(lane)]:
@@ -256,7 +256,7 @@ def background_key(lane: ImagedRun) -> dict[str, Any] | None:
     return {"recipe": tables, "rows": lane.background_rows}
 
 
-def view_key(lane: ImagedRun) -> dict[str, Any] | None:
+def view_key(lane: ImagedRun) -> Entries | None:
     """Return what the run-view depends on."""
     recipe = lane.recipe
     background = background_key(lane)
@@ -270,7 +270,7 @@ def view_key(lane: ImagedRun) -> dict[str, Any] | None:
     }
 
 
-def features_key(lane: ImagedRun) -> dict[str, Any] | None:
+def features_key(lane: ImagedRun) -> Entries | None:
     """Return what the features depend on, the places of the alarms included."""
     view = view_key(lane)
     if view is None:
