@@ -316,14 +316,14 @@ def _fit_side(m: AnyArray, x: AnyArray, r: AnyArray) -> AnyArray:
     measured = (m @ adjoint).sum(axis=-3)
     normal = (ax @ adjoint).sum(axis=-3)
     new = measured @ np.linalg.pinv(normal)
-    return np.asarray(new / new[..., :1, :1])
+    return new / new[..., :1, :1]
 
 
 def _strength(m: AnyArray, model: AnyArray) -> AnyArray:
     """Return the complex strengths of the model matrices that fit the measured ones best."""
     power = (np.abs(model) ** 2).sum(axis=(-2, -1))
     overlap = (model.conj() * m).sum(axis=(-2, -1))
-    return np.asarray(overlap / np.maximum(power, np.finfo(float).tiny))
+    return overlap / np.maximum(power, np.finfo(float).tiny)
 
 
 def _transpose(m: AnyArray) -> AnyArray:

@@ -119,7 +119,7 @@ class _View:
         surface = {"echo": True}
         simulator = bare_lane(self.ground, self.sensor, seed, length, positions, surface)
         powers = [_power(imager, scan).mean(axis=(2, 3)) for scan in simulator.scans()]
-        return np.asarray(np.mean(powers, axis=0))
+        return np.mean(powers, axis=0)
 
     def peak_power(self, target: Target, seed: int, imager: ImagingOperator) -> FloatArray:
         """Return the peak power (polarization, subband) of a body under a rough surface.
@@ -129,7 +129,7 @@ class _View:
         length = self.distance + 10.0
         surface = {"echo": False}
         simulator = bare_lane(self.ground, self.sensor, seed, length, (0.0,), surface, (target,))
-        return np.asarray(_power(imager, simulator.scan(0)).max(axis=(2, 3)))
+        return _power(imager, simulator.scan(0)).max(axis=(2, 3))
 
     def shift(self, target: Target) -> float:
         """Return by how much the bottom of a body appears farther away than it is, m."""
@@ -326,7 +326,7 @@ class _Band:
         beams = []
         for tone in tones:
             beams.append(self._beams(self._position[None], tone)[:, 0].mean())
-        return np.asarray(response * np.stack(beams))
+        return response * np.stack(beams)
 
     def _beams(self, points: FloatArray, frequency: float) -> FloatArray:
         """Return the amplitude (pair, point) with which pairs see points (point, 3) at a tone, Hz.
@@ -341,7 +341,7 @@ class _Band:
             cosine = np.maximum(ray @ array.boresight / distance, 0.0)
             exponent = float(array.exponents(np.array([frequency]))[0])
             amplitude = amplitude * cosine ** (0.5 * exponent)
-        return np.asarray(amplitude[array.tx] * amplitude[array.rx])
+        return amplitude[array.tx] * amplitude[array.rx]
 
     def sigma0(self) -> FloatArray:
         """Return the backscatter of the surface, HH and VV (2,), dB.
@@ -362,7 +362,7 @@ class _Band:
         means = [np.average(copolar, weights=self._weights**2) for copolar in backscatter]
         power = np.array(means)
         with np.errstate(divide="ignore"):
-            return np.asarray(10 * np.log10(power) + surface.level_db)
+            return 10 * np.log10(power) + surface.level_db
 
     def cell_area(self) -> float:
         """Return the area of the resolution cell at the position, m²."""
@@ -399,7 +399,7 @@ class _Band:
         """
         count = _DELAYS * self._tones.size
         profile = np.fft.ifft(amplitude * self._weights, count, axis=-1) * count
-        return np.asarray(20 * np.log10(np.abs(profile).max(axis=-1) / self._weights.sum()))
+        return 20 * np.log10(np.abs(profile).max(axis=-1) / self._weights.sum())
 
 
 def _view(sensor: Sensor, ground: GroundModel, viewing: Viewing) -> _View:
@@ -498,17 +498,16 @@ def _in_order(table: pd.DataFrame, bodies: Sequence[str], depths: Sequence[float
 
 def _power(imager: ImagingOperator, scan: ComplexArray) -> FloatArray:
     """Return the power of the image of a scan, (polarization, subband, y, x)."""
-    return np.asarray(np.abs(imager.adjoint(scan).astype(np.complex128)) ** 2)
+    return np.abs(imager.adjoint(scan).astype(np.complex128)) ** 2
 
 
 def _margin_db(signal: FloatArray, clutter: FloatArray) -> FloatArray:
     """Return half the interval of the ratio of two means over seeds (seed, ...), dB."""
     factor = float(stdtrit(len(signal) - 1, (1 + _CONFIDENCE) / 2))
     spread = np.hypot(_relative_error(signal), _relative_error(clutter))
-    return np.asarray(10 / math.log(10) * factor * spread)
+    return 10 / math.log(10) * factor * spread
 
 
 def _relative_error(power: FloatArray) -> FloatArray:
     """Return the relative standard error of the mean over the first axis."""
-    error = power.std(axis=0, ddof=1) / power.mean(axis=0) / math.sqrt(len(power))
-    return np.asarray(error)
+    return power.std(axis=0, ddof=1) / power.mean(axis=0) / math.sqrt(len(power))

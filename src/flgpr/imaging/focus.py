@@ -138,7 +138,7 @@ def _is_above_antennas(
     top = surface[column.ravel()].reshape(grid.shape[:-1])
     if np.ptp(antennas[:, 2]) < _LEVEL:
         top = np.maximum(top, 0.0)
-    return np.asarray(grid[..., 2] > top + margin + _ON_TOP)
+    return grid[..., 2] > top + margin + _ON_TOP
 
 
 def _fold_notes(run: xr.Dataset, view: View, scans: IndexArray, grid: FloatArray) -> list[str]:
@@ -226,4 +226,4 @@ def scan_weights(run: xr.Dataset, scans: IndexArray) -> FloatArray:
         weights[on_line] = way_shares(position[on_line])
     if not weights.sum() > 0:
         return np.ones(scans.size)
-    return np.asarray(weights / weights.mean())
+    return weights / weights.mean()

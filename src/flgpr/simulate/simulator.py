@@ -489,9 +489,9 @@ def system_response(sensor: Sensor, frequency: FloatArray) -> FloatArray:
     current moment.
     """
     if sensor.antenna.kind == "dipole":
-        return np.asarray(2 * np.pi * frequency * 4e-7 * np.pi / (4 * np.pi) ** 1.5)
+        return 2 * np.pi * frequency * 4e-7 * np.pi / (4 * np.pi) ** 1.5
     gain = 10 ** (sensor.antenna.gain_db / 10) * (frequency / sensor.antenna.gain_frequency) ** 2
-    return np.asarray(gain * SPEED_OF_LIGHT / frequency / (4 * np.pi) ** 1.5)
+    return gain * SPEED_OF_LIGHT / frequency / (4 * np.pi) ** 1.5
 
 
 def finest_cell(sensor: Sensor, distance: float = 10.0) -> float:

@@ -215,7 +215,7 @@ def bisectors(x: float, y: float, array: ArrayState) -> FloatArray:
     direction = array.position[:, :2] - np.array([x, y])
     direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)
     total = direction[array.tx] + direction[array.rx]
-    return np.asarray(total / np.linalg.norm(total, axis=1, keepdims=True))
+    return total / np.linalg.norm(total, axis=1, keepdims=True)
 
 
 def rotated(copolar: AnyArray, angle: float) -> AnyArray:

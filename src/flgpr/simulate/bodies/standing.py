@@ -100,7 +100,7 @@ def _air_path(point: FloatArray, array: ArrayState) -> FloatArray:
     """Return the paths (pair,) in air by way of points (pair or 1, 3), m."""
     sent = np.linalg.norm(array.position[array.tx] - point, axis=-1)
     taken = np.linalg.norm(array.position[array.rx] - point, axis=-1)
-    return np.asarray(sent + taken)
+    return sent + taken
 
 
 def add_object(

@@ -143,7 +143,7 @@ def mean_amplitude(target: Target, ground: LayeredGround, array: ArrayState) -> 
     separation, azimuth = _azimuths(target, array)
     weight = node_weights(sine, separation, _aspect(azimuth, target), aspects)
     mean_weight = weight[..., 0, :].mean(axis=-1)
-    return np.asarray(np.einsum("ajs,ajspf->pf", mean_weight, amplitudes[..., :2, :]))
+    return np.einsum("ajs,ajspf->pf", mean_weight, amplitudes[..., :2, :])
 
 
 def _principal_weights(
@@ -187,7 +187,7 @@ def _taper(
     log_above = np.log(np.abs(ground.entry_squared(sine + _SINE_STEP, layer)))
     entry = (log_above - log_below) / (2 * _SINE_STEP) * sine_change
 
-    return np.asarray(2 * growth.mean(axis=0)[:, None] + entry + 1 / (2 * slant * sine))
+    return 2 * growth.mean(axis=0)[:, None] + entry + 1 / (2 * slant * sine)
 
 
 def _lean(
@@ -212,7 +212,7 @@ def _leaning(sine: FloatArray, lean: float, permittivity: float) -> FloatArray:
     """
     index = math.sqrt(permittivity)
     in_soil = np.arcsin(np.minimum(sine / index, 1.0))
-    return np.asarray(index * np.sin(in_soil - math.atan(lean)))
+    return index * np.sin(in_soil - math.atan(lean))
 
 
 def _azimuths(target: Target, array: ArrayState) -> tuple[FloatArray, FloatArray]:
@@ -261,7 +261,7 @@ def node_weights(
     cosines, sines = _aspect_weights(aspect, aspects)
     turned = np.stack([cosines, sines, cosines], axis=1)[:, None, None]  # (aspect, 1, 1, 3, pair)
     apart = np.stack([even, even, odd], axis=1)  # (separation, 3, pair)
-    return np.asarray(turned * along[:, None, None] * apart)
+    return turned * along[:, None, None] * apart
 
 
 def _lagrange(nodes: FloatArray, at: FloatArray) -> FloatArray:

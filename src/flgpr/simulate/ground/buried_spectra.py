@@ -153,7 +153,7 @@ class BuriedSpectra:
 
     def permittivity(self, depth: FloatArray) -> FloatArray:
         """Return the real permittivity at the band's middle at each depth, m."""
-        return np.asarray(np.array(self._ground.real)[self._ground.layer(depth)])
+        return np.array(self._ground.real)[self._ground.layer(depth)]
 
     def delay(self, depth: FloatArray, sine: FloatArray) -> FloatArray:
         """Return the electrical path from the surface to depths, ``Σ d_i·sqrt(ε_i - sin²θ)``, m."""
@@ -180,7 +180,7 @@ class BuriedSpectra:
         layer = self._ground.layer(depth)
         low = self._entry[layer, cell]
         high = self._entry[layer, cell + 1]
-        return np.asarray(low * (1 - fraction) + high * fraction)
+        return low * (1 - fraction) + high * fraction
 
     def weights(self, shape: IndexArray, depth: FloatArray, sine: FloatArray) -> ComplexArray:
         """Return the weights (point, rank) of the functions."""
@@ -192,7 +192,7 @@ class BuriedSpectra:
         fraction = (position - cell).astype(np.float32)[:, None]
         low = self._weights[shape, cell]
         high = self._weights[shape, cell + 1]
-        return np.asarray(low + fraction * (high - low))
+        return low + fraction * (high - low)
 
 
 def _entry_table(ground: LayeredGround) -> Complex128Array:

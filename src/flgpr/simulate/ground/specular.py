@@ -175,4 +175,4 @@ class _Mirrored:
 
 def _dot(one: FloatArray, other: FloatArray) -> FloatArray:
     """Return the products (n,) of vectors (n, 3)."""
-    return np.asarray(np.einsum("nc,nc->n", one, other))
+    return np.einsum("nc,nc->n", one, other)

@@ -206,7 +206,7 @@ def stone_radii(table: Stones, chance: FloatArray) -> FloatArray:
     """Return radii, m, at the given chances: power law ``N(>r) ~ r^-D`` between the bounds."""
     low, high = table.radius
     span = 1 - (low / high) ** table.exponent
-    return np.asarray(low * (1 - chance * span) ** (-1 / table.exponent))
+    return low * (1 - chance * span) ** (-1 / table.exponent)
 
 
 def _draw_places(rng: np.random.Generator, count: int, ix: int, iy: int) -> FloatArray:
@@ -303,7 +303,7 @@ def _polarized(
     # The factor has a name: NumPy multiplies a large nameless array in place, by another loop whose
     # last bits differ, and a point's echo would depend on how many points are in view.
     entry = spectra.transmission(buried.depth, sine).astype(np.complex64)
-    return np.asarray(amplitude * entry)
+    return amplitude * entry
 
 
 class HoleLayer:

@@ -15,7 +15,7 @@ from flgpr.jit.compiled import njit
 from flgpr.model import Lane, heading_matrix
 from flgpr.simulate.scene import scene_tables as tables
 from flgpr.simulate.scene.draw import stream
-from flgpr.types import ArrayLike, FloatArray
+from flgpr.types import ArrayLike, FloatArray, floats
 
 _MODES = 96
 # Nodes of the lattice per length of the undulation: linear interpolation errs by 0.3 % of s, rms.
@@ -65,10 +65,10 @@ class TerrainHeights:
         ndarray
             Heights, m, in the broadcast shape.
         """
-        x, y = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
+        x, y = np.broadcast_arrays(floats(x), floats(y))
         positions = np.stack([x.ravel(), y.ravel()], axis=1)
         height = self.relief(positions)[:, 0]
-        return np.asarray(height.reshape(x.shape))
+        return height.reshape(x.shape)
 
     def height(self, x: float, y: float) -> float:
         """Return the height of the ground at a place, m."""
@@ -168,7 +168,7 @@ class TerrainHeights:
         normal_length = np.sqrt(1 + slope_x**2 + slope_y**2)
         along_normal = ray[:, 2] - slope_x * ray[:, 0] - slope_y * ray[:, 1]
         cosine = along_normal / (normal_length * np.linalg.norm(ray, axis=1))
-        return np.asarray(np.sqrt(1 - np.clip(cosine, 0, 1) ** 2))
+        return np.sqrt(1 - np.clip(cosine, 0, 1) ** 2)
 
     def follow(self, pose: FloatArray) -> FloatArray:
         """Return the poses of a vehicle whose four wheels stand on the ground.

@@ -467,7 +467,7 @@ def _fold(taps, out, profile, begin, end):  # type: ignore[no-untyped-def]
 def _path_rates(points: FloatArray, antenna: FloatArray, drift: FloatArray) -> FloatArray:
     """Return how much longer paths to points (point, 3) get as an antenna moves by a drift, m."""
     ray = points - antenna
-    return np.asarray(-(ray @ drift) / np.linalg.norm(ray, axis=1))
+    return -(ray @ drift) / np.linalg.norm(ray, axis=1)
 
 
 def _beam_table(exponents: FloatArray, lanes: int) -> Float32Array:

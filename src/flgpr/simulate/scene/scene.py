@@ -153,7 +153,7 @@ class Soil(SceneTable):
             eps = soils.fixed(f, self.permittivity, 0.0, self.conductivity)
         if self.loss_tangent is not None:
             eps = eps.real * (1 - 1j * self.loss_tangent)
-        return np.asarray(eps)
+        return eps
 
 
 class Surface(SceneTable):

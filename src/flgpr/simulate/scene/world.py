@@ -340,7 +340,7 @@ def _positions(scene: Scene, rng: np.random.Generator) -> tuple[FloatArray, Floa
     """Return positions along the lane, m, and times, s, of all scans."""
     track = scene.track
     if track.positions is not None:
-        exact = np.asarray(track.positions, dtype=float)
+        exact = floats(track.positions)
         return exact, np.arange(exact.size, dtype=np.float64)
     start = -20.0 if track.start is None else track.start
     end = scene.length - 5.0 if track.stop is None else track.stop
