@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,10 +11,11 @@ import xarray as xr
 
 from flgpr.imaging.aperture import aperture_blocks, aperture_image, record_of
 from flgpr.imaging.view_axes import View, chosen_scans, view_axes
-from flgpr.model import LINE_STARTS, SPEED_OF_LIGHT, vehicle_to_lane, way_weights
+from flgpr.model import LINE_STARTS, SPEED_OF_LIGHT, vehicle_to_lane
 from flgpr.model.aperture import way_shares
 from flgpr.model.constants import IMAGE_ATTRS
-from flgpr.model.run import described
+from flgpr.model.run import described, polarizations_of
+from flgpr.progress import Track, silent
 from flgpr.types import BoolArray, FloatArray, IndexArray
 
 _LEAST_DISTANCE = 1e-6  # m, of a pixel from a scan, level with the ground
@@ -35,15 +35,10 @@ class FocusedImage:
     notes: tuple[str, ...] = ()  #: what was left out, and what may be wrong, in words
 
 
-def _unshown(items: Any, label: str, total: int) -> Iterable[Any]:  # noqa: ARG001
-    """Return items as they are, without showing progress."""
-    return items
-
-
 def focus(
     run: xr.Dataset,
     view: View,
-    track: Callable[[Any, str, int], Iterable[Any]] = _unshown,
+    track: Track = silent,
     title: str = "",
     pixels: int = CHOSEN_PIXELS,
 ) -> FocusedImage:
@@ -81,8 +76,7 @@ def focus(
     axes, spacing = view_axes(run, view, pose, pixels)
     grid = np.stack(np.meshgrid(axes["z"], axes["y"], axes["x"], indexing="ij")[::-1], axis=-1)
 
-    weights = np.zeros(run.sizes["scan"])
-    weights[chosen] = scan_weights(run, chosen)
+    weights = scan_weights(run, chosen)
     options: dict[str, Any] = {
         "window": view.window,
         "permittivity": view.permittivity,
@@ -176,7 +170,7 @@ def _with_polarizations(run: xr.Dataset, selected: tuple[str, ...]) -> xr.Datase
     """Return the run with the selected polarizations, or a ValueError; none selected are all."""
     if not selected:
         return run
-    known = [str(label) for label in run["polarization"].values]
+    known = polarizations_of(run)
     unknown = [label for label in selected if label not in known]
     if unknown:
         raise ValueError(
@@ -215,15 +209,12 @@ def scan_weights(run: xr.Dataset, scans: IndexArray) -> FloatArray:
         Weights.
     """
     position = run["pose"].values[scans, :3]
-    starts = run.attrs.get(LINE_STARTS)
-    if not starts:
-        return way_weights(position)
-    line = np.searchsorted(np.asarray(starts), scans, side="right")
-    weights = np.zeros(scans.size)
+    line = np.searchsorted(np.asarray(run.attrs.get(LINE_STARTS) or ()), scans, side="right")
+    shares = np.zeros(scans.size)
     for number in np.unique(line):
         on_line = line == number
         # Lines of longer steps count more.
-        weights[on_line] = way_shares(position[on_line])
-    if not weights.sum() > 0:
-        return np.ones(scans.size)
-    return weights / weights.mean()
+        shares[on_line] = way_shares(position[on_line])
+    weights = np.zeros(run.sizes["scan"])
+    weights[scans] = shares / shares.mean() if shares.sum() > 0 else 1.0
+    return weights
