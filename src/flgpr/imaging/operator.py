@@ -328,7 +328,7 @@ class ImagingOperator:
             raise ValueError(f"device must be 'cpu' or 'cuda', got {self.device!r}")
         if method not in ("auto", "profile", "direct"):
             raise ValueError(f"method must be 'auto', 'profile' or 'direct', got {method!r}")
-        active = self.weight.any(axis=0)
+        active = np.asarray(self.weight.any(axis=0))
         # Below this many terms per pair, profiles cost more than the sums themselves.
         few = layout.count * np.count_nonzero(active) < 2000
         if self.device == "cpu" and (method == "direct" or (method == "auto" and few)):

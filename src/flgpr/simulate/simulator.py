@@ -182,7 +182,8 @@ class Simulator:
             As :meth:`scan` returns it.
         """
         if self._direct is not None:
-            echoes = echoes + self._direct * self._drift_of_direct_wave(index)
+            drift = 0 if self._errors is None else self._errors.direct_drift(index)
+            echoes = echoes + self._direct * (1 + drift)
         return self._received(echoes, index)
 
     def with_other_errors(self, seed: int) -> Simulator:
@@ -206,10 +207,6 @@ class Simulator:
             echoes = self._single_echoes(view, targets_only=True)
             channels = sum_echoes(echoes, array, self.frequency)
         return self._received(channels, index) - self._received(0 * channels, index)
-
-    def _drift_of_direct_wave(self, index: int) -> ComplexArray | int:
-        """Return the factor (4, pair, 1) by which the direct wave of a scan is off its mean."""
-        return 1 if self._errors is None else 1 + self._errors.direct_drift(index)
 
     def _received(self, channels: ComplexArray, index: int) -> ComplexArray:
         """Return the sensor's polarizations of HH, HV, VH, VV, as its radar receives them."""

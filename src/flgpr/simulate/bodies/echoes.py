@@ -62,6 +62,10 @@ class LayeredGround:
         Depths at which the layers begin, m.
     media : list of ndarray (frequency,)
         Complex permittivity of every layer.
+    media_from_air : list of ndarray (frequency,)
+        That of air before those of the layers.
+    middle : int
+        Number of the band's middle tone.
     real : list of float
         Real permittivity of every layer at the band's middle.
     """
@@ -72,9 +76,10 @@ class LayeredGround:
         self.heights = heights
         self.frequency = frequency
         self.wavenumber = 2 * np.pi * frequency / SPEED_OF_LIGHT
-        middle = frequency.size // 2
-        centre = frequency[middle : middle + 1]
+        self.middle = frequency.size // 2
+        centre = frequency[self.middle : self.middle + 1]
         self.media = soil.media(frequency)
+        self.media_from_air = [np.ones_like(self.media[0]), *self.media]
         self.real = [float(eps[0].real) for eps in soil.media(centre)]
 
     def layer(self, depth: FloatArray) -> IndexArray:
@@ -107,9 +112,8 @@ class LayeredGround:
         ndarray (2, frequency) of complex
             t² of H and of V.
         """
-        media = [np.ones_like(self.media[0]), *self.media[: layer + 1]]
         total = np.ones((2, self.frequency.size), complex)
-        for upper, lower in itertools.pairwise(media):
+        for upper, lower in itertools.pairwise(self.media_from_air[: layer + 2]):
             q1 = np.sqrt(upper - sine**2)
             q2 = np.sqrt(lower - sine**2)
             total[0] *= 2 * q1 / (q1 + q2)

@@ -148,7 +148,7 @@ def hole_factor(
     cosine = math.sqrt(1 - sine**2)
     passed = thickness * np.sqrt(fill - sine**2) - cap * cosine
     passed = passed - depth_in_hole * np.sqrt(ground.media[0] - sine**2)
-    extra = float(passed[ground.frequency.size // 2].real)
+    extra = float(passed[ground.middle].real)
     return extra, np.exp(-2j * ground.wavenumber * (passed - extra))
 
 

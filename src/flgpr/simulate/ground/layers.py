@@ -105,6 +105,11 @@ class ScanView:
         x_min, x_max, y_min, y_max = self.footprint
         return (x >= x_min) & (x <= x_max) & (y >= y_min) & (y <= y_max)
 
+    def towards(self, xy: FloatArray) -> FloatArray:
+        """Return the level directions (point, 2) from places (point, 2) to the array's centre."""
+        offset = self.centre[:2] - xy
+        return offset / np.hypot(offset[:, 0], offset[:, 1])[:, None]
+
     def sine(self, points: FloatArray) -> FloatArray:
         """Return the sines (point,) of the angles of incidence from the array's centre.
 
@@ -298,8 +303,7 @@ def sum_layers(
     """
     layer_echoes = [layer.echoes(view) for layer in layers]
     if not layer_echoes:
-        channels = 4 if view.array.dipoles else 3
-        return np.zeros((channels, view.array.tx.size, spreader.count), np.complex64)
+        return np.zeros((view.array.channels, view.array.tx.size, spreader.count), np.complex64)
     points = np.concatenate([echoes.points for echoes in layer_echoes])
     extra = np.concatenate([echoes.extra for echoes in layer_echoes])
     values = np.concatenate([skeleton.values(echoes) for echoes in layer_echoes])

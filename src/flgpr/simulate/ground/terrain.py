@@ -14,7 +14,7 @@ import numpy as np
 from flgpr.jit.compiled import njit
 from flgpr.model import Lane, heading_matrix
 from flgpr.simulate.scene import scene_tables as tables
-from flgpr.simulate.scene.draw import stream
+from flgpr.simulate.scene.draw import Wander, stream
 from flgpr.types import ArrayLike, FloatArray, floats
 
 _MODES = 96
@@ -48,9 +48,7 @@ class TerrainHeights:
         rng = stream(seed, "undulation")
         self._waves = rng.normal(0, math.sqrt(2) / table.undulation_length, (2, _MODES))
         self._phase = rng.uniform(0, 2 * np.pi, _MODES)
-        rng = stream(seed, "ruts")
-        self._rut_waves = 2 * np.pi / table.rut_wander_length * rng.uniform(0.5, 1.5, 3)
-        self._rut_phase = rng.uniform(0, 2 * np.pi, 3)
+        self._ruts = Wander(stream(seed, "ruts"), table.rut_wander, table.rut_wander_length)
 
     def __call__(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Return the height of the ground at points of the lane frame.
@@ -140,11 +138,8 @@ class TerrainHeights:
         first = math.floor(y.min() / step)
         # One node more than needed, for rounding.
         last = math.floor(y.max() / step) + 3
-        amplitude = self.table.rut_wander * math.sqrt(2 / 3)
-        angle = np.arange(first, last)[:, None] * step * self._rut_waves + self._rut_phase
-        across = np.sin(angle).sum(1)
-        slope = (self._rut_waves * np.cos(angle)).sum(1)
-        return first * step, step, amplitude * np.stack([across, slope], axis=1)
+        across_and_slope = self._ruts(np.arange(first, last) * step)
+        return first * step, step, np.stack(across_and_slope, axis=1)
 
     def local_sine(self, points: FloatArray, centre: FloatArray) -> FloatArray:
         """Return the sines of the angles of incidence on the ground under points.

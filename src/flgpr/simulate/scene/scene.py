@@ -492,6 +492,12 @@ class Scene(SceneTable):
         return Drive() if self.drive == 1 else self.drives[self.drive - 2]
 
     @property
+    def track_ends(self) -> tuple[float, float]:
+        """First and last position along the lane at which scans are drawn, m."""
+        start = -20.0 if self.track.start is None else self.track.start
+        return start, self.length - 5.0 if self.track.stop is None else self.track.stop
+
+    @property
     def lane(self) -> Lane:
         """The rectangle that is scored."""
         return Lane(self.x_min, self.x_max, 0.0, self.length)

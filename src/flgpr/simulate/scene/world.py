@@ -19,7 +19,7 @@ from flgpr.model import (
     empty_table,
 )
 from flgpr.simulate.ground.holes import Hole, draw_holes, hole_patches
-from flgpr.simulate.scene.draw import stream
+from flgpr.simulate.scene.draw import Wander, stream
 from flgpr.simulate.scene.scene import Departure, Patch, Scene, SceneObject, Target, TargetDraw
 from flgpr.types import FloatArray, floats
 
@@ -322,13 +322,8 @@ def draw_track(scene: Scene, height: float, seed: int) -> tuple[FloatArray, Floa
     pose = np.zeros((y.size, 6))
     pose[:, 1] = y
     if track.wander > 0:
-        # Three waves of random length and phase; the heading follows their slope.
-        wave = 2 * np.pi / track.wander_length * rng.uniform(0.5, 1.5, 3)
-        phase = rng.uniform(0, 2 * np.pi, 3)
-        amplitude = track.wander * np.sqrt(2 / 3)
-        angle = np.outer(y, wave) + phase
-        pose[:, 0] = amplitude * np.sin(angle).sum(axis=1)
-        pose[:, 3] = np.arctan(amplitude * (wave * np.cos(angle)).sum(axis=1))
+        pose[:, 0], slope = Wander(rng, track.wander, track.wander_length)(y)
+        pose[:, 3] = np.arctan(slope)
     pose[:, 0] += (scene.x_min + scene.x_max) / 2 + scene.change.beside
     # In this order: the random numbers fix the track of a seed.
     pose[:, 2] = height + scene.change.higher + rng.normal(0, track.bounce, y.size)
@@ -342,8 +337,7 @@ def _positions(scene: Scene, rng: np.random.Generator) -> tuple[FloatArray, Floa
     if track.positions is not None:
         exact = floats(track.positions)
         return exact, np.arange(exact.size, dtype=np.float64)
-    start = -20.0 if track.start is None else track.start
-    end = scene.length - 5.0 if track.stop is None else track.stop
+    start, end = scene.track_ends
     stops = sorted(track.stops)
     y = []
     seconds = []
@@ -368,7 +362,7 @@ def _positions(scene: Scene, rng: np.random.Generator) -> tuple[FloatArray, Floa
         clock += stride / _SPEED
     if not y:
         raise ValueError(
-            f"track must hold at least one scan, got none from {position:g} m to {end:g} m"
+            f"track must hold at least one scan, got none from {start:g} m to {end:g} m"
         )
     return floats(y), floats(seconds)
 
