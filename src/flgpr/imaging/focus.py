@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +16,6 @@ from flgpr.model import LINE_STARTS, SPEED_OF_LIGHT, vehicle_to_lane
 from flgpr.model.aperture import way_shares
 from flgpr.model.constants import IMAGE_ATTRS
 from flgpr.model.run import described, polarizations_of
-from flgpr.progress import Track, silent
 from flgpr.types import BoolArray, FloatArray, IndexArray
 
 _LEAST_DISTANCE = 1e-6  # m, of a pixel from a scan, level with the ground
@@ -35,10 +35,15 @@ class FocusedImage:
     notes: tuple[str, ...] = ()  #: what was left out, and what may be wrong, in words
 
 
+def _unshown(items: Any, label: str, total: int) -> Iterable[Any]:  # noqa: ARG001
+    """Return items as they are, without showing progress."""
+    return items
+
+
 def focus(
     run: xr.Dataset,
     view: View,
-    track: Track = silent,
+    track: Callable[[Any, str, int], Iterable[Any]] = _unshown,
     title: str = "",
     pixels: int = CHOSEN_PIXELS,
 ) -> FocusedImage:
