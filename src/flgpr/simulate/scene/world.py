@@ -216,37 +216,22 @@ def _draw_rocks(scene: Scene, seed: int) -> list[SceneObject]:
 def _draw_roadside(scene: Scene, seed: int) -> list[SceneObject]:
     """Draw the bushes and then the posts on both sides of the lane."""
     rng = stream(seed, "roadside")
-    span = scene.length + 2 * MARGIN
-    bush_count = rng.poisson(scene.clutter.bushes * span)
-    bushes = [_draw_bush(scene, rng) for _ in range(bush_count)]
-    post_count = rng.poisson(scene.clutter.posts * span)
-    posts = [_draw_post(scene, rng) for _ in range(post_count)]
-    return bushes + posts
-
-
-def _roadside_position(scene: Scene, rng: np.random.Generator) -> tuple[float, float]:
-    """Draw a position at the roadside, m."""
     nearest, farthest = scene.clutter.roadside
-    x = rng.uniform(nearest, farthest) * rng.choice([-1, 1])
-    y = rng.uniform(-MARGIN, scene.length + MARGIN)
-    return x, y
-
-
-def _draw_bush(scene: Scene, rng: np.random.Generator) -> SceneObject:
-    """Draw a bush at the roadside."""
-    x, y = _roadside_position(scene, rng)
-    radius = rng.uniform(0.2, 0.7)
-    height = rng.uniform(0.3, 1.0)
-    level = rng.uniform(-20, -3)
-    return SceneObject(kind="bush", x=x, y=y, radius=radius, height=height, rcs_db=level)
-
-
-def _draw_post(scene: Scene, rng: np.random.Generator) -> SceneObject:
-    """Draw a post at the roadside."""
-    x, y = _roadside_position(scene, rng)
-    radius = rng.uniform(0.02, 0.06)
-    height = rng.uniform(0.3, 1.0)
-    return SceneObject(kind="post", x=x, y=y, radius=radius, height=height)
+    drawn = []
+    for kind, density in (("bush", scene.clutter.bushes), ("post", scene.clutter.posts)):
+        for _ in range(rng.poisson(density * (scene.length + 2 * MARGIN))):
+            # In this order: the random numbers fix the world of a seed.
+            entries: dict[str, Any] = {
+                "kind": kind,
+                "x": rng.uniform(nearest, farthest) * rng.choice([-1, 1]),
+                "y": rng.uniform(-MARGIN, scene.length + MARGIN),
+                "radius": rng.uniform(0.2, 0.7) if kind == "bush" else rng.uniform(0.02, 0.06),
+                "height": rng.uniform(0.3, 1.0),
+            }
+            if kind == "bush":
+                entries["rcs_db"] = rng.uniform(-20, -3)
+            drawn.append(SceneObject(**entries))
+    return drawn
 
 
 def _draw_patches(scene: Scene, seed: int) -> list[Patch]:
