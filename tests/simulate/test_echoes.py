@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flgpr.simulate.bodies.echoes import Echoes, sum_echoes
+from flgpr.simulate.bodies.echoes import Echo, sum_echoes, without_difference
 from flgpr.simulate.simulator import array_state
 from simulate.scatterers import POSE, cloud, slow
 
@@ -19,10 +19,11 @@ def test_single_echoes_are_summed_exactly(quiet, dipoles, kind, cross):
     frequency = sensor.tones.axis()
     state = array_state(sensor, POSE)
     points, coefficient = cloud(8, seed=3)
-    echoes = Echoes()
+    echoes = []
     spectra = coefficient.reshape(8, 6)[:, :cross, None] * (frequency / 1e9)
     for point, spectrum in zip(points, spectra, strict=True):
-        echoes.add(paths(state, point), point, spectrum)
+        four_rows = spectrum if cross == 4 else without_difference(spectrum)
+        echoes.append(Echo(paths(state, point), point, four_rows))
     got = sum_echoes(echoes, state, frequency)
     assert got.shape[0] == 4
     want = slow(sensor, points, spectra, frequency) * np.sqrt(4 * np.pi)
@@ -48,9 +49,7 @@ def test_an_echo_has_its_weights_in_every_pair(quiet):
     weight = np.random.default_rng(5).normal(size=(2, state.tx.size))
 
     def summed(*arguments):
-        echoes = Echoes()
-        echoes.add(path, points[0], *arguments)
-        return sum_echoes(echoes, state, frequency)
+        return sum_echoes([Echo(path, points[0], *arguments)], state, frequency)
 
     plain = summed(spectrum)
     weighted = summed(spectrum, weight)

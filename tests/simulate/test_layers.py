@@ -7,7 +7,7 @@ import pytest
 
 from flgpr.model import Sensor
 from flgpr.simulate import Scene, Simulator
-from flgpr.simulate.bodies.echoes import Echoes, sum_echoes
+from flgpr.simulate.bodies.echoes import Echo, sum_echoes, without_difference
 from flgpr.simulate.ground.layers import PointEchoes, ScanView, Skeleton, sum_layers
 from flgpr.simulate.radar.spread import Spreader
 from flgpr.simulate.simulator import array_state, sweep_drift
@@ -49,10 +49,11 @@ def test_single_echoes_have_the_beam_and_the_motion_of_every_tone(quiet, beam, d
     rng = np.random.default_rng(2)
     points = np.column_stack([rng.uniform(-5, 5, 6), rng.uniform(7, 26, 6), rng.uniform(0, 1, 6)])
     spectra = (rng.normal(size=(6, 3, 1)) + 1j * rng.normal(size=(6, 3, 1))) * (frequency / 1e9)
-    echoes = Echoes()
+    echoes = []
     for point, spectrum in zip(points, spectra, strict=True):
         path = np.linalg.norm(state.position[:, None] - point, axis=-1)[:, 0]
-        echoes.add(path[state.tx] + path[state.rx], point, spectrum)
+        path = path[state.tx] + path[state.rx]
+        echoes.append(Echo(path, point, without_difference(spectrum)))
     want = np.sqrt(4 * np.pi) * slow(points, spectra, frequency, state)
     assert apart(sum_echoes(echoes, state, frequency)[[0, 3, 1]], want) < 0.005
     plain = dataclasses.replace(state, growth=0.0, drift=np.zeros(3))

@@ -5,9 +5,9 @@ import pytest
 from flgpr.imaging import ScanImager
 from flgpr.model import Grid, load_sensor
 from flgpr.simulate import Scene, Simulator, simulate, sites
-from flgpr.simulate.bodies.echoes import Echoes, LayeredGround
+from flgpr.simulate.bodies.echoes import LayeredGround
 from flgpr.simulate.bodies.rims import cylinder
-from flgpr.simulate.bodies.targets import _cover_factor, add_target
+from flgpr.simulate.bodies.targets import _cover_factor, target_echoes
 from flgpr.simulate.ground.roughness import surface_backscatter
 from flgpr.simulate.simulator import array_state, system_response
 from simulate.conftest import BARE, STILL
@@ -100,20 +100,15 @@ def test_the_near_rim_does_not_hear_the_cover(quiet):
     """Of rays, which are left for bodies of a profile of one's own."""
 
     def ripple(side):
-        echoes = Echoes()
         profile = cylinder(0.16, 0.15)
         world = scene(
             soil=DRY,
             targets=[{"kind": "metal", "x": 0.0, "y": 12.0, "depth": 0.05, "profile": profile}],
         )
         ground = LayeredGround(world.soil, None, np.linspace(0.5e9, 1.5e9, 201))
-        add_target(
-            echoes,
-            world.targets[0],
-            ground,
-            array_state(quiet, np.array([0, 0, quiet.height, 0, 0, 0])),
-        )
-        level = np.abs(echoes.spectrum[side][0]) * np.sqrt(
+        state = array_state(quiet, np.array([0, 0, quiet.height, 0, 0, 0]))
+        echoes = list(target_echoes(world.targets[0], ground, state))
+        level = np.abs(echoes[side].spectrum[0]) * np.sqrt(
             ground.frequency
         )  # a rim's amplitude falls as 1/sqrt(k)
         return level.max() / level.min()

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from flgpr.simulate.bodies.echoes import Echoes
-from flgpr.simulate.bodies.standing import add_object, add_standing, bush_scatterers
+from flgpr.simulate.bodies.standing import bush_scatterers, object_echoes, standing_echoes
 from flgpr.simulate.scene.scene import SceneObject, Target
 from flgpr.simulate.simulator import array_state
 from simulate.buried_points import DRY, POSE, ground_of
@@ -24,9 +23,7 @@ def ground(quiet):
 
 def echoes_of(state, ground, seed=1, **entries):
     """Return the echoes of an object at the place."""
-    echoes = Echoes()
-    add_object(echoes, SceneObject(**PLACE, **entries), ground, state, seed)
-    return echoes
+    return list(object_echoes(SceneObject(**PLACE, **entries), ground, state, seed))
 
 
 def way_by(state, point):
@@ -37,32 +34,31 @@ def way_by(state, point):
 
 
 def test_a_reflector_of_one_square_metre_has_its_amplitude_and_place(state, ground):
-    echoes = echoes_of(state, ground, kind="fiducial", height=0.5)
-    (spectrum,) = echoes.spectrum
-    (path,) = echoes.path
+    (echo,) = echoes_of(state, ground, kind="fiducial", height=0.5)
+    spectrum = echo.spectrum
     at_1_ghz = np.interp(1e9, ground.frequency, spectrum[0].real)
     # |S| = sqrt(cross section / 4 pi), and the cross section grows with the square of frequency.
     assert at_1_ghz == pytest.approx(1 / np.sqrt(4 * np.pi), rel=1e-6)
     np.testing.assert_allclose(spectrum[0] / ground.frequency, spectrum[0, 0] / ground.frequency[0])
     np.testing.assert_array_equal(spectrum[0], spectrum[1])
     assert not spectrum[2:].any()
-    np.testing.assert_allclose(path, way_by(state, [PLACE["x"], PLACE["y"], 0.5]))
+    np.testing.assert_allclose(echo.path, way_by(state, [PLACE["x"], PLACE["y"], 0.5]))
 
 
 def test_a_post_echoes_from_its_foot_its_top_and_its_image(state, ground):
     echoes = echoes_of(state, ground, kind="post", radius=0.05, height=1.5)
-    assert [position[2] for position in echoes.position] == [0.0, 1.5, -1.5]
-    foot, top, image = (np.abs(spectrum[:2]).mean() for spectrum in echoes.spectrum)
+    assert [echo.position[2] for echo in echoes] == [0.0, 1.5, -1.5]
+    foot, top, image = (np.abs(echo.spectrum[:2]).mean() for echo in echoes)
     assert foot > 10 * max(top, image)  # the corner adds up all along the post
     # The echo comes from the side of the post that faces the array.
-    assert (echoes.path[0] < way_by(state, [PLACE["x"], PLACE["y"], 0.0])).all()
+    assert (echoes[0].path < way_by(state, [PLACE["x"], PLACE["y"], 0.0])).all()
 
 
 def test_a_rock_is_drawn_from_the_seed_and_its_place(state, ground):
     first, again = (echoes_of(state, ground, kind="rock") for _ in range(2))
     other = echoes_of(state, ground, seed=2, kind="rock")
-    np.testing.assert_array_equal(first.spectrum[0], again.spectrum[0])
-    assert not np.array_equal(first.spectrum[0], other.spectrum[0])
+    np.testing.assert_array_equal(first[0].spectrum, again[0].spectrum)
+    assert not np.array_equal(first[0].spectrum, other[0].spectrum)
 
 
 def test_the_twigs_of_a_bush_have_its_cross_section_together():
@@ -83,9 +79,8 @@ def test_the_twigs_of_a_bush_have_its_cross_section_together():
 def test_a_plastic_mine_on_the_ground_is_weaker_than_one_of_metal(state, ground):
     powers = {}
     for kind in ("metal", "plastic"):
-        echoes = Echoes()
         target = Target(kind=kind, depth=-0.15, **PLACE)
-        add_standing(echoes, target, ground, state)
-        assert not any(spectrum[2:].any() for spectrum in echoes.spectrum)
-        powers[kind] = sum((np.abs(spectrum) ** 2).sum() for spectrum in echoes.spectrum)
+        spectra = [echo.spectrum for echo in standing_echoes(target, ground, state)]
+        assert not any(spectrum[2:].any() for spectrum in spectra)
+        powers[kind] = sum((np.abs(spectrum) ** 2).sum() for spectrum in spectra)
     assert 0 < powers["plastic"] < 0.5 * powers["metal"]

@@ -443,7 +443,7 @@ def _score(level: FloatArray, background: FloatArray) -> FloatArray:
     """Return the mean over reflectors of the power over the background, dB: (trial, bias)."""
     floor = np.finfo(np.float32).tiny
     ratio = np.maximum(level / background[:, None], floor)
-    return np.asarray(10 * np.log10(ratio).mean(axis=1))
+    return 10 * np.log10(ratio).mean(axis=1)
 
 
 def _summit(curve: FloatArray, bias: FloatArray, peak: int) -> float:

@@ -138,7 +138,7 @@ def _profiles(
         # Uneven tones: the sum itself in place of a transform.
         step = SPEED_OF_LIGHT / spacing / size
         turn = path_phase(tones - tones[0] - spacing * centre, -step * np.arange(size))
-        return np.asarray(data.astype(np.complex64) @ turn.T.astype(np.complex64))
+        return data.astype(np.complex64) @ turn.T.astype(np.complex64)
 
     spectrum = np.zeros((*data.shape[:-1], size), np.complex64)
     spectrum[..., (slot - centre) % size] = data

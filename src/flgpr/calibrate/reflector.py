@@ -10,9 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from flgpr.model import SPEED_OF_LIGHT, check_run, complete_scans, vehicle_to_lane
+from flgpr.calibrate.profiles import resolution
+from flgpr.model import SPEED_OF_LIGHT, antennas_in_lane, check_run, complete_scans
 from flgpr.model.phase import lengthen, path_phase
-from flgpr.model.run import with_signal
+from flgpr.model.run import polarizations_of, with_signal
 from flgpr.types import AnyArray, ArrayLike, Complex128Array, FloatArray, IndexArray, floats
 
 SLOPES = {"sphere": 0.0, "corner": 1.0}
@@ -71,7 +72,7 @@ def estimate_pairs(
         raise ValueError(f"kind must be one of {', '.join(SLOPES)}, got {kind!r}")
     if not search > 0:
         raise ValueError(f"search must be positive, got {search}")
-    labels = [str(label) for label in run["polarization"].values]
+    labels = polarizations_of(run)
     rows = [k for k, label in enumerate(labels) if label in ("HH", "VV")]
     scans = np.flatnonzero(complete_scans(run))
     if not rows or not scans.size:
@@ -95,9 +96,7 @@ def _aligned_echo(
     frequency = run["frequency"].values
     total = np.zeros((len(rows), run.sizes["pair"], frequency.size), np.complex128)
     for scan in scans:
-        pose = run["pose"].values[scan]
-        tx = vehicle_to_lane(run["tx_position"].values, pose)
-        rx = vehicle_to_lane(run["rx_position"].values, pose)
+        tx, rx = antennas_in_lane(run, run["pose"].values[scan])
         outward = np.linalg.norm(tx - position, axis=1)
         back = np.linalg.norm(rx - position, axis=1)
         data = run["signal"][scan].values[rows].astype(np.complex128)
@@ -113,13 +112,12 @@ def _fit_pairs(
     search: float,
 ) -> PairFit:
     """Fit delay and gain to echoes (polarization, pair, frequency) referred to the right path."""
-    resolution = SPEED_OF_LIGHT / max(float(np.ptp(frequency)), 1.0)  # of the path
-    offsets = np.arange(-search, search + resolution / 16, resolution / 8)
+    step = resolution(frequency) / 4  # of the path: an eighth of its resolution
+    offsets = np.arange(-search, search + step / 2, step)
     level = np.abs(aligned @ path_phase(frequency, -offsets).T) / frequency.size
     best = offsets[level.argmax(axis=-1)]
 
     # Around the best offset of every pair with halved steps, down to a micrometre.
-    step = resolution / 8
     while step > 1e-6:
         trials = best[..., None] + np.array([-step, 0.0, step])
         turned = aligned[..., None, :] * path_phase(frequency, -trials)
@@ -165,7 +163,7 @@ def apply_pairs(run: xr.Dataset, fit: PairFit) -> xr.Dataset:
             f"gain must not be zero, it is for {fit.polarization[polarization]} pair {pair}: "
             "a dead channel?"
         )
-    labels = [str(label) for label in run["polarization"].values]
+    labels = polarizations_of(run)
     signal = run["signal"].values.copy()
     scale = np.sqrt(np.mean(np.abs(fit.gain) ** 2))
     for k, label in enumerate(fit.polarization):
@@ -201,7 +199,7 @@ def scattering_matrices(run: xr.Dataset) -> AnyArray:
 
     Rows receive, columns transmit. A missing polarization is a ValueError.
     """
-    labels = [str(label) for label in run["polarization"].values]
+    labels = polarizations_of(run)
     missing = [label for label in _ELEMENT if label not in labels]
     if missing:
         raise ValueError(f"run must have HH, HV, VH and VV, {', '.join(missing)} missing")
@@ -300,8 +298,8 @@ def remove_distortion(run: xr.Dataset, distortion: Distortion) -> xr.Dataset:
         raise ValueError("distortion must be invertible, it is not: a dead channel?") from None
     clean = left @ scattering_matrices(run) @ right
     elements = []
-    for label in run["polarization"].values:
-        row, column = _ELEMENT[str(label)]
+    for label in polarizations_of(run):
+        row, column = _ELEMENT[label]
         elements.append(clean[..., row, column])
     signal = np.stack(elements, axis=1)
     return with_signal(run, signal)
@@ -316,14 +314,14 @@ def _fit_side(m: AnyArray, x: AnyArray, r: AnyArray) -> AnyArray:
     measured = (m @ adjoint).sum(axis=-3)
     normal = (ax @ adjoint).sum(axis=-3)
     new = measured @ np.linalg.pinv(normal)
-    return np.asarray(new / new[..., :1, :1])
+    return new / new[..., :1, :1]
 
 
 def _strength(m: AnyArray, model: AnyArray) -> AnyArray:
     """Return the complex strengths of the model matrices that fit the measured ones best."""
     power = (np.abs(model) ** 2).sum(axis=(-2, -1))
     overlap = (model.conj() * m).sum(axis=(-2, -1))
-    return np.asarray(overlap / np.maximum(power, np.finfo(float).tiny))
+    return overlap / np.maximum(power, np.finfo(float).tiny)
 
 
 def _transpose(m: AnyArray) -> AnyArray:

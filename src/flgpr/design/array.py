@@ -240,7 +240,7 @@ def _highest_lobe(spread: PointSpread, source: FloatArray, response: Response) -
 
 def _decibels(amplitude: FloatArray) -> FloatArray:
     """Return amplitudes in dB, at least -120."""
-    return np.asarray(20 * np.log10(np.maximum(amplitude, 1e-6)))
+    return 20 * np.log10(np.maximum(amplitude, 1e-6))
 
 
 @dataclass(frozen=True)

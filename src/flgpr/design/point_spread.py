@@ -138,7 +138,7 @@ class PointSpread:
         first = self._table[cell]
         envelope = first + (index - cell) * (self._table[cell + 1] - first)
         turns = self._carrier / SPEED_OF_LIGHT * longer % 1.0
-        return np.asarray(envelope * np.exp(2j * np.pi * turns))
+        return envelope * np.exp(2j * np.pi * turns)
 
     def cell_area(self, source: ArrayLike, beam: Beam | None = None) -> float:
         """Return the area of the resolution cell at a point of the ground, m²: ``∫|spread|² dA``.

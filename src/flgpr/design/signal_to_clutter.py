@@ -69,14 +69,22 @@ class Viewing:
 class _View:
     """A sensor before a body's position on level ground, and the bands and channels of the view."""
 
-    sensor: Sensor
+    sensor: Sensor  # with the height and the polarizations of the view
     ground: GroundModel
-    x: float  # m
-    distance: float  # m
+    viewing: Viewing
     subbands: dict[str, tuple[float, float]]
-    polarizations: tuple[str, ...]
-    window: str
-    heading: float  # of boxes, rad
+
+    @property
+    def position(self) -> FloatArray:
+        """Place of the body on the ground (3,), m."""
+        x_min, x_max, _, _ = self.sensor.ground_in_view
+        return np.array([(x_min + x_max) / 2, float(self.viewing.distance), 0.0])
+
+    @property
+    def sine(self) -> float:
+        """Sine of the angle of incidence at the position."""
+        x, y, z = self.position
+        return incidence(x, y, z, self.array)
 
     @property
     def array(self) -> ArrayState:
@@ -86,24 +94,22 @@ class _View:
     @property
     def step(self) -> float:
         """Pixel of a body's image, m."""
-        position = np.array([self.x, self.distance, 0.0])
         widths: list[float] = []
         for edges in self.subbands.values():
-            widths.extend(PointSpread(self.sensor, edges).expected_widths(position))
+            widths.extend(PointSpread(self.sensor, edges).expected_widths(self.position))
         return float(np.clip(min(widths) / _PEAK_STEPS, 0.005, 0.05))
 
     def target(self, body: str, depth: float) -> Target:
         """Return a body at the position."""
-        return Target(
-            kind=body, body=body, x=self.x, y=self.distance, depth=depth, heading=self.heading
-        )
+        x, y, _ = self.position
+        return Target(kind=body, body=body, x=x, y=y, depth=depth, heading=self.viewing.heading)
 
     def key(self, body: str, depth: float, subband: str, polarization: str) -> dict[str, Any]:
         """Return the columns that name a case."""
         return {
             "sensor": self.sensor.name,
             "height": self.sensor.height,
-            "distance": self.distance,
+            "distance": float(self.viewing.distance),
             "ground": self.ground.name,
             "rms_height": self.ground.surface.rms_height,
             "body": body,
@@ -115,34 +121,34 @@ class _View:
     def clutter_power(self, seed: int, looks: int, imager: ImagingOperator) -> FloatArray:
         """Return the mean power (polarization, subband) of bare ground around the position."""
         positions = tuple(_LOOKS_APART * look for look in range(looks))
-        length = positions[-1] + self.distance + 10.0
+        length = positions[-1] + self.viewing.distance + 10.0
         surface = {"echo": True}
         simulator = bare_lane(self.ground, self.sensor, seed, length, positions, surface)
         powers = [_power(imager, scan).mean(axis=(2, 3)) for scan in simulator.scans()]
-        return np.asarray(np.mean(powers, axis=0))
+        return np.mean(powers, axis=0)
 
     def peak_power(self, target: Target, seed: int, imager: ImagingOperator) -> FloatArray:
         """Return the peak power (polarization, subband) of a body under a rough surface.
 
         The surface itself does not echo.
         """
-        length = self.distance + 10.0
+        length = self.viewing.distance + 10.0
         surface = {"echo": False}
         simulator = bare_lane(self.ground, self.sensor, seed, length, (0.0,), surface, (target,))
-        return np.asarray(_power(imager, simulator.scan(0)).max(axis=(2, 3)))
+        return _power(imager, simulator.scan(0)).max(axis=(2, 3))
 
     def shift(self, target: Target) -> float:
         """Return by how much the bottom of a body appears farther away than it is, m."""
         middles = [np.mean(edges) for edges in self.subbands.values()]
         middle = np.array([np.mean(middles)])
         permittivity = float(self.ground.soil.media(middle)[-1][0].real)
-        sine = incidence(self.x, self.distance, 0.0, self.array)
-        return float(apparent_shift(target.depth + target.height, permittivity, sine))
+        return float(apparent_shift(target.depth + target.height, permittivity, self.sine))
 
     def imager(self, across: float, before: float, behind: float, step: float) -> ImagingOperator:
         """Return the operator that images the ground around the position."""
-        x_edges = (self.x - across, self.x + across)
-        y_edges = (self.distance - before, self.distance + behind)
+        x, y, _ = self.position.tolist()
+        x_edges = (x - across, x + across)
+        y_edges = (y - before, y + behind)
         array = self.array
         return ImagingOperator(
             self.sensor.tones.axis(),
@@ -150,7 +156,7 @@ class _View:
             array.position[array.rx],
             Grid.spanning(x_edges, y_edges, step).points(),
             list(self.subbands.values()),
-            window=self.window,
+            window=self.viewing.window,
         )
 
 
@@ -219,7 +225,7 @@ def expected_signal_to_clutter(
         for body in bodies:
             for depth in depths:
                 factors = band.signal(view.target(body, depth))
-                for polarization in view.polarizations:
+                for polarization in view.sensor.polarization:
                     p = _COPOLAR.index(polarization)
                     row = view.key(body, depth, subband, polarization)
                     signal = {name: float(values[p]) for name, values in factors.items()}
@@ -292,7 +298,7 @@ def measure_signal_to_clutter(
         ratio = 10 * np.log10(signal.mean(axis=0) / clutter.mean(axis=0))
         margin = _margin_db(signal, clutter)
         for s, subband in enumerate(view.subbands):
-            for p, polarization in enumerate(view.polarizations):
+            for p, polarization in enumerate(view.sensor.polarization):
                 row = view.key(body, depth, subband, polarization)
                 row["signal_to_clutter_db"] = ratio[p, s]
                 row["low_db"] = ratio[p, s] - margin[p, s]
@@ -311,22 +317,21 @@ class _Band:
     def __init__(self, view: _View, edges: tuple[float, float]) -> None:
         self._view = view
         self._edges = edges
-        self._position = np.array([view.x, view.distance, 0.0])
         tones = view.sensor.tones.axis()
-        weights = band_weights(tones, (edges,), WINDOWS[view.window])[0]
+        weights = band_weights(tones, (edges,), WINDOWS[view.viewing.window])[0]
         used = weights != 0
         self._tones = tones[used]
         self._response = self._radar_response(tones)
         self._weights = (weights * self._response)[used]
-        self._sine = incidence(view.x, view.distance, 0.0, view.array)
+        self._sine = view.sine
 
     def _radar_response(self, tones: FloatArray) -> FloatArray:
         """Return the amplitude of a level echo at the position, by radar and beams (frequency,)."""
         response = np.abs(system_response(self._view.sensor, tones))
         beams = []
         for tone in tones:
-            beams.append(self._beams(self._position[None], tone)[:, 0].mean())
-        return np.asarray(response * np.stack(beams))
+            beams.append(self._beams(self._view.position[None], tone)[:, 0].mean())
+        return response * np.stack(beams)
 
     def _beams(self, points: FloatArray, frequency: float) -> FloatArray:
         """Return the amplitude (pair, point) with which pairs see points (point, 3) at a tone, Hz.
@@ -341,7 +346,7 @@ class _Band:
             cosine = np.maximum(ray @ array.boresight / distance, 0.0)
             exponent = float(array.exponents(np.array([frequency]))[0])
             amplitude = amplitude * cosine ** (0.5 * exponent)
-        return np.asarray(amplitude[array.tx] * amplitude[array.rx])
+        return amplitude[array.tx] * amplitude[array.rx]
 
     def sigma0(self) -> FloatArray:
         """Return the backscatter of the surface, HH and VV (2,), dB.
@@ -362,17 +367,19 @@ class _Band:
         means = [np.average(copolar, weights=self._weights**2) for copolar in backscatter]
         power = np.array(means)
         with np.errstate(divide="ignore"):
-            return np.asarray(10 * np.log10(power) + surface.level_db)
+            return 10 * np.log10(power) + surface.level_db
 
     def cell_area(self) -> float:
         """Return the area of the resolution cell at the position, m²."""
-        spread = PointSpread(self._view.sensor, self._edges, self._view.window, self._response)
+        spread = PointSpread(
+            self._view.sensor, self._edges, self._view.viewing.window, self._response
+        )
         middle = float(np.average(self._tones, weights=self._weights**2))
 
         def beam(points: FloatArray) -> FloatArray:
             return self._beams(points, middle)
 
-        return spread.cell_area(self._position, beam)
+        return spread.cell_area(self._view.position, beam)
 
     def signal(self, target: Target) -> dict[str, FloatArray]:
         """Return the factors of a body's cross section in the image, HH and VV (2,), dB."""
@@ -399,7 +406,7 @@ class _Band:
         """
         count = _DELAYS * self._tones.size
         profile = np.fft.ifft(amplitude * self._weights, count, axis=-1) * count
-        return np.asarray(20 * np.log10(np.abs(profile).max(axis=-1) / self._weights.sum()))
+        return 20 * np.log10(np.abs(profile).max(axis=-1) / self._weights.sum())
 
 
 def _view(sensor: Sensor, ground: GroundModel, viewing: Viewing) -> _View:
@@ -413,7 +420,7 @@ def _view(sensor: Sensor, ground: GroundModel, viewing: Viewing) -> _View:
         sensor = sensor.model_copy(update={"height": height})
     if window not in WINDOWS:
         raise ValueError(f"window must be one of {', '.join(WINDOWS)}, got {window!r}")
-    x_min, x_max, y_min, y_max = sensor.ground_in_view
+    _, _, y_min, y_max = sensor.ground_in_view
     if not y_min <= distance <= y_max:
         raise ValueError(
             f"distance must lie in the footprint of {sensor.name}, {y_min:g} to {y_max:g} m, "
@@ -421,22 +428,13 @@ def _view(sensor: Sensor, ground: GroundModel, viewing: Viewing) -> _View:
         )
     bands = _checked_bands(sensor, viewing.subbands)
     polarizations = _checked_polarizations(sensor, viewing.polarizations)
-    reduced = sensor.model_copy(update={"polarization": polarizations})
+    sensor = sensor.model_copy(update={"polarization": polarizations})
     if ground.surface.rms_height <= 0 and ground.surface.unevenness <= 0:
         raise ValueError(
             "rms_height or unevenness must be greater than 0, "
             "for a smooth surface has no clutter, got 0"
         )
-    return _View(
-        reduced,
-        ground,
-        (x_min + x_max) / 2,
-        float(distance),
-        bands,
-        polarizations,
-        window,
-        viewing.heading,
-    )
+    return _View(sensor, ground, viewing, bands)
 
 
 def _checked_bands(sensor: Sensor, subbands: Subbands | None) -> dict[str, tuple[float, float]]:
@@ -498,17 +496,16 @@ def _in_order(table: pd.DataFrame, bodies: Sequence[str], depths: Sequence[float
 
 def _power(imager: ImagingOperator, scan: ComplexArray) -> FloatArray:
     """Return the power of the image of a scan, (polarization, subband, y, x)."""
-    return np.asarray(np.abs(imager.adjoint(scan).astype(np.complex128)) ** 2)
+    return np.abs(imager.adjoint(scan).astype(np.complex128)) ** 2
 
 
 def _margin_db(signal: FloatArray, clutter: FloatArray) -> FloatArray:
     """Return half the interval of the ratio of two means over seeds (seed, ...), dB."""
     factor = float(stdtrit(len(signal) - 1, (1 + _CONFIDENCE) / 2))
     spread = np.hypot(_relative_error(signal), _relative_error(clutter))
-    return np.asarray(10 / math.log(10) * factor * spread)
+    return 10 / math.log(10) * factor * spread
 
 
 def _relative_error(power: FloatArray) -> FloatArray:
     """Return the relative standard error of the mean over the first axis."""
-    error = power.std(axis=0, ddof=1) / power.mean(axis=0) / math.sqrt(len(power))
-    return np.asarray(error)
+    return power.std(axis=0, ddof=1) / power.mean(axis=0) / math.sqrt(len(power))

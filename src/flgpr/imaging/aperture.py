@@ -140,7 +140,7 @@ def _box(places: FloatArray, margin: float) -> FloatArray:
 def _is_in(box: FloatArray, points: FloatArray) -> BoolArray:
     """Return which points (point, 3) lie in a box, by x and y."""
     level = points[:, :2]
-    return np.asarray(((level >= box[0]) & (level <= box[1])).all(axis=1))
+    return ((level >= box[0]) & (level <= box[1])).all(axis=1)
 
 
 def _longest_path(tx: FloatArray, rx: FloatArray, points: FloatArray) -> float:
@@ -199,6 +199,6 @@ def _tapered_pattern(reach: float) -> Callable[[FloatArray, FloatArray], FloatAr
         """Return the amplitude at pixels (pixel, 3)."""
         distance = np.hypot(*(pixels[:, :2] - position[:2]).T) / reach
         taper = np.cos(np.pi / 2 * np.minimum(distance, 1)) ** 2
-        return np.asarray(np.where(distance < 1, taper, 0.0))
+        return np.where(distance < 1, taper, 0.0)
 
     return amplitude

@@ -14,7 +14,6 @@ from flgpr.imaging.plan import ImagingLayout, Plan
 from flgpr.jit.threads import share
 from flgpr.kernels import profiles, transform
 from flgpr.kernels.direct import adjoint_direct, forward_direct
-from flgpr.kernels.geometry import antenna_paths
 from flgpr.kernels.layout import BLOCK, CHANNELS, KEPT_BYTES, SPREAD_PAIRS, aligned, row_size
 from flgpr.kernels.precise import adjoint_precise, forward_precise
 from flgpr.kernels.profiles import Geometry, polynomial_degree
@@ -34,14 +33,12 @@ class DirectBackend(Backend):
     def __init__(
         self, layout: ImagingLayout, frequency: FloatArray, weight: FloatArray, offset: FloatArray
     ) -> None:
-        path = np.empty((layout.antenna.shape[0], layout.pixels.shape[1]))
-        antenna_paths(layout.pixels, layout.antenna, layout.medium, path)
         active = weight.any(axis=0)
         self._active = active
         self._sums = (
             weight[:, active],
             frequency[active] / SPEED_OF_LIGHT,
-            path,
+            layout.paths(),
             layout.tx,
             layout.rx,
             offset,

@@ -12,10 +12,10 @@ import xarray as xr
 
 from flgpr.imaging.aperture import aperture_blocks, aperture_image, record_of
 from flgpr.imaging.view_axes import View, chosen_scans, view_axes
-from flgpr.model import LINE_STARTS, SPEED_OF_LIGHT, vehicle_to_lane, way_weights
+from flgpr.model import LINE_STARTS, SPEED_OF_LIGHT, vehicle_to_lane
 from flgpr.model.aperture import way_shares
 from flgpr.model.constants import IMAGE_ATTRS
-from flgpr.model.run import described
+from flgpr.model.run import described, polarizations_of
 from flgpr.types import BoolArray, FloatArray, IndexArray
 
 _LEAST_DISTANCE = 1e-6  # m, of a pixel from a scan, level with the ground
@@ -81,8 +81,7 @@ def focus(
     axes, spacing = view_axes(run, view, pose, pixels)
     grid = np.stack(np.meshgrid(axes["z"], axes["y"], axes["x"], indexing="ij")[::-1], axis=-1)
 
-    weights = np.zeros(run.sizes["scan"])
-    weights[chosen] = scan_weights(run, chosen)
+    weights = scan_weights(run, chosen)
     options: dict[str, Any] = {
         "window": view.window,
         "permittivity": view.permittivity,
@@ -138,7 +137,7 @@ def _is_above_antennas(
     top = surface[column.ravel()].reshape(grid.shape[:-1])
     if np.ptp(antennas[:, 2]) < _LEVEL:
         top = np.maximum(top, 0.0)
-    return np.asarray(grid[..., 2] > top + margin + _ON_TOP)
+    return grid[..., 2] > top + margin + _ON_TOP
 
 
 def _fold_notes(run: xr.Dataset, view: View, scans: IndexArray, grid: FloatArray) -> list[str]:
@@ -176,7 +175,7 @@ def _with_polarizations(run: xr.Dataset, selected: tuple[str, ...]) -> xr.Datase
     """Return the run with the selected polarizations, or a ValueError; none selected are all."""
     if not selected:
         return run
-    known = [str(label) for label in run["polarization"].values]
+    known = polarizations_of(run)
     unknown = [label for label in selected if label not in known]
     if unknown:
         raise ValueError(
@@ -215,15 +214,12 @@ def scan_weights(run: xr.Dataset, scans: IndexArray) -> FloatArray:
         Weights.
     """
     position = run["pose"].values[scans, :3]
-    starts = run.attrs.get(LINE_STARTS)
-    if not starts:
-        return way_weights(position)
-    line = np.searchsorted(np.asarray(starts), scans, side="right")
-    weights = np.zeros(scans.size)
+    line = np.searchsorted(np.asarray(run.attrs.get(LINE_STARTS) or ()), scans, side="right")
+    shares = np.zeros(scans.size)
     for number in np.unique(line):
         on_line = line == number
         # Lines of longer steps count more.
-        weights[on_line] = way_shares(position[on_line])
-    if not weights.sum() > 0:
-        return np.ones(scans.size)
-    return np.asarray(weights / weights.mean())
+        shares[on_line] = way_shares(position[on_line])
+    weights = np.zeros(run.sizes["scan"])
+    weights[scans] = shares / shares.mean() if shares.sum() > 0 else 1.0
+    return weights

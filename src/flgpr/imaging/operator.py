@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, DTypeLike
 
 from flgpr.imaging.backend import Backend
 from flgpr.imaging.cpu import DirectBackend, PreciseBackend, ProfileBackend
-from flgpr.imaging.plan import ImagingLayout, Pattern, Plan, lay_out, make_plan
+from flgpr.imaging.plan import ImagingLayout, Pattern, lay_out, make_plan
 from flgpr.kernels.layout import CHANNELS
 from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import check_frequency
@@ -151,16 +151,7 @@ class ImagingOperator:
         medium = (math.sqrt(self.permittivity), ground_index)
         patterns = (tx_pattern, rx_pattern)
         layout = lay_out(self.tx_position, self.rx_position, points, medium, patterns)
-        self.backend: Backend = _make_backend(
-            layout,
-            self.frequency,
-            self.weight,
-            self.path_offset,
-            self.tolerance,
-            self.dtype,
-            device,
-            method,
-        )
+        self.backend = self._make_backend(layout, method)
 
     @property
     def pairs(self) -> int:
@@ -328,70 +319,50 @@ class ImagingOperator:
             weight = weight * taper
         return weight
 
+    def _make_backend(self, layout: ImagingLayout, method: str) -> Backend:
+        """Choose and prepare what computes the sums, for the device, the precision and a method.
 
-# The backend: what computes the sums
+        What cannot be combined is a ValueError.
+        """
+        if self.device not in ("cpu", "cuda"):
+            raise ValueError(f"device must be 'cpu' or 'cuda', got {self.device!r}")
+        if method not in ("auto", "profile", "direct"):
+            raise ValueError(f"method must be 'auto', 'profile' or 'direct', got {method!r}")
+        active = np.asarray(self.weight.any(axis=0))
+        # Below this many terms per pair, profiles cost more than the sums themselves.
+        few = layout.count * np.count_nonzero(active) < 2000
+        if self.device == "cpu" and (method == "direct" or (method == "auto" and few)):
+            return DirectBackend(layout, self.frequency, self.weight, self.path_offset)
+        single = self.dtype == np.dtype(np.complex64)
+        # What single precision adds to the window's error is small but not nothing.
+        window_tolerance = 0.9 * self.tolerance if single else self.tolerance
+        plan = make_plan(self.frequency, active, layout, self.path_offset, window_tolerance)
+        # 32-bit delays and indices do not suffice with many thousands of tones.
+        table_size = self.pairs * plan.bins * 2 * max(CHANNELS)
+        fits_single = plan.rounding < self.tolerance / 2 and table_size < 2**32
+        if self.device == "cpu":
+            backend = ProfileBackend if single and fits_single else PreciseBackend
+            return backend(plan, self.weight)
 
-
-def _make_backend(
-    layout: ImagingLayout,
-    frequency: FloatArray,
-    weight: FloatArray,
-    offset: FloatArray,
-    tolerance: float,
-    dtype: np.dtype[Any],
-    device: str,
-    method: str,
-) -> Backend:
-    """Choose and prepare the backend for a device, a precision and a method.
-
-    What cannot be combined is a ValueError.
-    """
-    if device not in ("cpu", "cuda"):
-        raise ValueError(f"device must be 'cpu' or 'cuda', got {device!r}")
-    if method not in ("auto", "profile", "direct"):
-        raise ValueError(f"method must be 'auto', 'profile' or 'direct', got {method!r}")
-    active = np.asarray(weight.any(axis=0))
-    # What single precision adds to the window's error is small but not nothing.
-    window_tolerance = 0.9 * tolerance if dtype == np.dtype(np.complex64) else tolerance
-    if device == "cuda":
-        plan = make_plan(frequency, active, layout, offset, window_tolerance)
-        return _cuda_backend(plan, weight, tolerance, dtype, method)
-    # Below this many terms per pair, profiles cost more than the sums themselves.
-    if method == "direct" or (method == "auto" and layout.count * np.count_nonzero(active) < 2000):
-        return DirectBackend(layout, frequency, weight, offset)
-    plan = make_plan(frequency, active, layout, offset, window_tolerance)
-    if dtype == np.dtype(np.complex64) and _fits_single(plan, tolerance):
-        return ProfileBackend(plan, weight)
-    return PreciseBackend(plan, weight)
-
-
-def _fits_single(plan: Plan, tolerance: float) -> bool:
-    """Check that 32-bit delays and indices suffice: not with many thousands of tones."""
-    table_size = plan.layout.tx.size * plan.bins * 2 * max(CHANNELS)
-    return plan.rounding < tolerance / 2 and table_size < 2**32
-
-
-def _cuda_backend(
-    plan: Plan, weight: FloatArray, tolerance: float, dtype: np.dtype[Any], method: str
-) -> Backend:
-    """Return the backend on a CUDA device, which has single precision and profiles only."""
-    if dtype != np.dtype(np.complex64):
-        raise ValueError(
-            f"dtype must be complex64 (and tolerance at least 1e-5) with device 'cuda', got {dtype}"
-        )
-    if method == "direct":
-        raise ValueError("method must be 'auto' or 'profile' with device 'cuda', got 'direct'")
-    if not _fits_single(plan, tolerance):
-        raise ValueError(
-            f"tolerance must be at least {2 * plan.rounding:.0e} with device 'cuda' and these "
-            f"tones, got {tolerance:g}"
-        )
-    # Imported here because it needs numba-cuda, which only users of a device install.
-    try:
-        from flgpr.imaging.cuda import CudaBackend
-    except ImportError as error:
-        raise ValueError(f"device 'cuda' needs the package numba-cuda: {error}") from None
-    return CudaBackend(plan, weight)
+        # A CUDA device has single precision and profiles only.
+        if not single:
+            raise ValueError(
+                "dtype must be complex64 (and tolerance at least 1e-5) with device 'cuda', "
+                f"got {self.dtype}"
+            )
+        if method == "direct":
+            raise ValueError("method must be 'auto' or 'profile' with device 'cuda', got 'direct'")
+        if not fits_single:
+            raise ValueError(
+                f"tolerance must be at least {2 * plan.rounding:.0e} with device 'cuda' and these "
+                f"tones, got {self.tolerance:g}"
+            )
+        # Imported here because it needs numba-cuda, which only users of a device install.
+        try:
+            from flgpr.imaging.cuda import CudaBackend
+        except ImportError as error:
+            raise ValueError(f"device 'cuda' needs the package numba-cuda: {error}") from None
+        return CudaBackend(plan, self.weight)
 
 
 # Checks of what is given

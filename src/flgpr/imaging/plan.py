@@ -65,6 +65,12 @@ class ImagingLayout:
         longest = float((most[self.tx] + most[self.rx]).max())
         return shortest, longest
 
+    def paths(self) -> FloatArray:
+        """Return the one-way optical paths (antenna, pixel), m."""
+        path = np.empty((self.antenna.shape[0], self.pixels.shape[1]))
+        antenna_paths(self.pixels, self.antenna, self.medium, path)
+        return path
+
 
 def lay_out(
     tx: FloatArray,
@@ -241,12 +247,10 @@ class Plan:
     def precise_geometry(self) -> PreciseGeometry:
         """Return the geometry for the kernels in double precision."""
         layout = self.layout
-        path = np.empty((layout.antenna.shape[0], layout.pixels.shape[1]))
-        antenna_paths(layout.pixels, layout.antenna, layout.medium, path)
         start = self.start % self.window.size - (0.5 if self.window.width % 2 else 0.0)
         weight = polynomials(self.window, self.window.width + 9)
         return PreciseGeometry(
-            path,
+            layout.paths(),
             layout.tx,
             layout.rx,
             layout.gain,

@@ -63,8 +63,7 @@ class LineSection:
         self._middle = (pose[:, 0].mean(), pose[:, 1].mean())
         self._along = np.linspace(low, high, max(round((high - low) / _SPACING), 2))
         self._delay = np.arange(*delays, 1 / (4 * run["frequency"].values[-1]))
-        self._weights = np.zeros(run.sizes["scan"])
-        self._weights[scans] = scan_weights(run, scans)
+        self._weights = scan_weights(run, scans)
         self._blocks = aperture_blocks(run, scans)
 
     def image(self, permittivity: float) -> ComplexArray:

@@ -150,8 +150,13 @@ def _view_limits(
     height = pose[:, 2].mean() + antenna_height
     if view.x is None and view.y is None:
         above = height > 0 and run.attrs.get("sounding") != "ground-coupled"
-        usual = _ground_ahead(run, pose) if above else _section_below(run, pose, slowness)
-        limits = usual if view.z is None else usual | {"z": view.z}
+        if above:
+            lane = seen_ground(run, pose)
+            limits = {"x": (lane.x_min, lane.x_max), "y": (lane.y_min, lane.y_max), "z": 0.0}
+        else:
+            limits = _section_below(run, pose, slowness)
+        if view.z is not None:
+            limits["z"] = view.z
     elif view.z is None:
         limits["z"] = 0.0
     complete = {axis: value for axis, value in limits.items() if value is not None}
@@ -190,12 +195,6 @@ def _default_spacing(
     quarter_wave = SPEED_OF_LIGHT / slowness / (2 * (lowest + highest))
     spacing = max(quarter_wave, (size / pixels) ** (1 / len(spans)))
     return float(f"{spacing:.2g}")
-
-
-def _ground_ahead(run: xr.Dataset, pose: FloatArray) -> dict[str, Extent | None]:
-    """Return the limits of the ground that antennas above it see, m."""
-    lane = seen_ground(run, pose)
-    return {"x": (lane.x_min, lane.x_max), "y": (lane.y_min, lane.y_max), "z": 0.0}
 
 
 def _section_below(run: xr.Dataset, pose: FloatArray, slowness: float) -> dict[str, Extent | None]:

@@ -72,4 +72,4 @@ def chip_sums(pixels: AnyArray, shape: tuple[int, int]) -> AnyArray:
     """Sum pixels (y, x) over every chip, (y - v + 1, x - u + 1), by a summed-area table."""
     v, u = shape
     table = np.pad(pixels.cumsum(0).cumsum(1), ((1, 0), (1, 0)))
-    return np.asarray(table[v:, u:] - table[:-v, u:] - table[v:, :-u] + table[:-v, :-u])
+    return table[v:, u:] - table[:-v, u:] - table[v:, :-u] + table[:-v, :-u]

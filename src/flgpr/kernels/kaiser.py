@@ -60,7 +60,7 @@ def transform(width: int, beta: float, frequency: FloatArray) -> FloatArray:
     sine = np.sin(safe_root) * np.exp(-beta)
     ratio = np.where(argument > 0, sinh, sine) / safe_root
     ratio = np.where(near_zero, np.exp(-beta), ratio)
-    return np.asarray(width * ratio / i0e(beta), dtype=np.float64)
+    return width * ratio / i0e(beta)
 
 
 def tone_errors(width: int, beta: float, frequency: FloatArray) -> FloatArray:
@@ -72,7 +72,7 @@ def tone_errors(width: int, beta: float, frequency: FloatArray) -> FloatArray:
     alias_power = transform(width, beta, frequency[:, None] + aliases) ** 2
     power = alias_power.sum(axis=1)
     tone = np.abs(transform(width, beta, frequency))
-    return np.asarray(np.sqrt(power) / tone, dtype=np.float64)
+    return np.sqrt(power) / tone
 
 
 @lru_cache(maxsize=256)
@@ -165,4 +165,4 @@ def polynomials(window: Window, degree: int) -> FloatArray:
         terms = np.polynomial.chebyshev.cheb2poly(column)
         row[: terms.size] = terms
     # The fit is in twice the fraction, which reaches from -1 to 1.
-    return np.asarray(power * 2.0 ** np.arange(degree + 1), dtype=np.float64)
+    return power * 2.0 ** np.arange(degree + 1)

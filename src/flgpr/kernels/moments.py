@@ -94,7 +94,7 @@ def _ogk_distance(rows: FloatArray) -> FloatArray:
         _, axes = np.linalg.eigh(pairs)
         scaled = scaled @ axes
     centre = _robust_location(scaled)
-    return np.asarray(np.sum(((scaled - centre) / _robust_scale(scaled)) ** 2, axis=1))
+    return np.sum(((scaled - centre) / _robust_scale(scaled)) ** 2, axis=1)
 
 
 def _pairwise_covariance(scaled: FloatArray) -> FloatArray:
@@ -117,7 +117,7 @@ def _robust_location(columns: FloatArray) -> FloatArray:
     median, spread = _median_and_spread(columns)
     distance = (columns - median) / (_TAU_LOCATION * spread)
     weight = np.clip(1 - distance**2, 0, None) ** 2
-    return np.asarray(np.sum(weight * columns, axis=0) / np.sum(weight, axis=0))
+    return np.sum(weight * columns, axis=0) / np.sum(weight, axis=0)
 
 
 def _robust_scale(columns: FloatArray) -> FloatArray:
@@ -198,11 +198,11 @@ def check_samples(estimator: BaseEstimator, X: Any, reset: bool, minimum: int = 
     """
     rules = {"dtype": np.float64, "ensure_min_samples": minimum}
     if not np.iscomplexobj(np.asarray(X)):
-        return np.asarray(validate_data(estimator, X, reset=reset, **rules))
+        return validate_data(estimator, X, reset=reset, **rules)
     values = np.asarray(X, dtype=np.complex128)
     real = validate_data(estimator, values.real, reset=reset, **rules)
     imaginary = validate_data(estimator, values.imag, reset=False, **rules)
-    return np.asarray(real + 1j * imaginary)
+    return real + 1j * imaginary
 
 
 def _composite(X: AnyArray) -> FloatArray:

@@ -16,12 +16,12 @@ def boxcar(position: FloatArray) -> FloatArray:
 
 def hann(position: FloatArray) -> FloatArray:
     """Return a raised cosine that is zero at the band edges; ``position`` is in [-1, 1]."""
-    return np.asarray(np.cos(np.pi * position / 2) ** 2, dtype=np.float64)
+    return np.cos(np.pi * position / 2) ** 2
 
 
 def hamming(position: FloatArray) -> FloatArray:
     """Return a raised cosine on a pedestal of 0.08; ``position`` in [-1, 1] across the band."""
-    return np.asarray(0.54 + 0.46 * np.cos(np.pi * position), dtype=np.float64)
+    return 0.54 + 0.46 * np.cos(np.pi * position)
 
 
 def taylor(position: FloatArray, nbar: int = 4, sidelobe_db: float = 35.0) -> FloatArray:
@@ -50,7 +50,7 @@ def taylor(position: FloatArray, nbar: int = 4, sidelobe_db: float = 35.0) -> Fl
         coefficients[i] = numerator / (2 * np.prod(1 - m**2 / other_orders**2))
 
     weight = 1 + 2 * np.cos(np.pi * orders * position[:, None]) @ coefficients
-    return np.asarray(weight / (1 + 2 * coefficients.sum()), dtype=np.float64)
+    return weight / (1 + 2 * coefficients.sum())
 
 
 def ramp(frequency: FloatArray) -> FloatArray:
@@ -62,7 +62,7 @@ def ramp(frequency: FloatArray) -> FloatArray:
     sample is ``k dk dθ``: the inverse transform, the image, is the backprojection of data weighed
     by ``k ∝ f``. It holds for data whose amplitude does not depend on frequency otherwise.
     """
-    return np.asarray(frequency / frequency.max(), dtype=np.float64)
+    return frequency / frequency.max()
 
 
 WINDOWS: dict[str, Callable[[FloatArray], FloatArray]] = {

@@ -141,8 +141,7 @@ def _scan_count(scene: Scene) -> float:
     track = scene.track
     if track.positions is not None:
         return float(len(track.positions))
-    start = -20.0 if track.start is None else track.start
-    stop = scene.length - 5.0 if track.stop is None else track.stop
+    start, stop = scene.track_ends
     mean_step = sum(track.step) / 2
     standing = sum(count for _, count in track.stops)
     return max(stop - start, 0.0) / mean_step + 1.0 + standing

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 import pandas as pd
 
 from flgpr.model import Lane
 from flgpr.simulate.effort import check_effort
 from flgpr.simulate.scene.scene import Scene
-from flgpr.simulate.scene.world import World, draw_world
-from flgpr.types import FloatArray
+from flgpr.simulate.scene.world import draw_world
+from flgpr.types import FloatArray, floats
 
 _MARGIN = 0.5  # m of ground beside lane and roadside
 
@@ -52,34 +51,19 @@ def preview_scene(scene: Scene, seed: int, force: bool = False) -> ScenePreview:
     """
     check_effort(scene, None, force)
     world = draw_world(scene, seed)
+    targets = []
+    for target in world.targets:
+        bottom = target.depth + target.height
+        targets.append((target.kind, target.x, target.y, target.depth, bottom))
+    objects = [(item.kind, item.x, item.y) for item in world.objects]
+    circles = [(patch.x, patch.y, patch.radius) for patch in world.patches]
     lane = scene.lane
     farthest = max(scene.clutter.roadside[1], abs(lane.x_min), abs(lane.x_max))
     return ScenePreview(
         title=f"{scene.name}, seed {seed}",
         lane=lane,
-        targets=_target_table(world),
-        objects=_object_table(world),
-        patches=_patch_circles(world),
+        targets=pd.DataFrame(targets, columns=["kind", "x", "y", "top", "bottom"]),
+        objects=pd.DataFrame(objects, columns=["kind", "x", "y"]),
+        patches=floats(circles).reshape(-1, 3),
         half_width=farthest + _MARGIN,
     )
-
-
-def _target_table(world: World) -> pd.DataFrame:
-    """Return kind, position and depths of all targets, those outside the lane among them."""
-    rows = []
-    for target in world.targets:
-        bottom = target.depth + target.height
-        rows.append((target.kind, target.x, target.y, target.depth, bottom))
-    return pd.DataFrame(rows, columns=["kind", "x", "y", "top", "bottom"])
-
-
-def _object_table(world: World) -> pd.DataFrame:
-    """Return kind and position of all objects."""
-    rows = [(item.kind, item.x, item.y) for item in world.objects]
-    return pd.DataFrame(rows, columns=["kind", "x", "y"])
-
-
-def _patch_circles(world: World) -> FloatArray:
-    """Return x, y and radius of all patches."""
-    circles = [(patch.x, patch.y, patch.radius) for patch in world.patches]
-    return np.array(circles, dtype=np.float64).reshape(-1, 3)

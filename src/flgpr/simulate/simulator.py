@@ -7,7 +7,7 @@ import dataclasses
 import functools
 import math
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,9 +24,9 @@ from flgpr.model import (
     pose_matrix,
     vehicle_to_lane,
 )
-from flgpr.simulate.bodies.echoes import Echoes, LayeredGround, incidence, sum_echoes
-from flgpr.simulate.bodies.standing import add_object
-from flgpr.simulate.bodies.targets import add_target
+from flgpr.simulate.bodies.echoes import Echo, LayeredGround, incidence, sum_echoes
+from flgpr.simulate.bodies.standing import object_echoes
+from flgpr.simulate.bodies.targets import target_echoes
 from flgpr.simulate.ground.field import SurfaceField
 from flgpr.simulate.ground.holes import hole_factor
 from flgpr.simulate.ground.layers import (
@@ -182,7 +182,8 @@ class Simulator:
             As :meth:`scan` returns it.
         """
         if self._direct is not None:
-            echoes = echoes + self._direct * self._drift_of_direct_wave(index)
+            drift = 0 if self._errors is None else self._errors.direct_drift(index)
+            echoes = echoes + self._direct * (1 + drift)
         return self._received(echoes, index)
 
     def with_other_errors(self, seed: int) -> Simulator:
@@ -206,10 +207,6 @@ class Simulator:
             echoes = self._single_echoes(view, targets_only=True)
             channels = sum_echoes(echoes, array, self.frequency)
         return self._received(channels, index) - self._received(0 * channels, index)
-
-    def _drift_of_direct_wave(self, index: int) -> ComplexArray | int:
-        """Return the factor (4, pair, 1) by which the direct wave of a scan is off its mean."""
-        return 1 if self._errors is None else 1 + self._errors.direct_drift(index)
 
     def _received(self, channels: ComplexArray, index: int) -> ComplexArray:
         """Return the sensor's polarizations of HH, HV, VH, VV, as its radar receives them."""
@@ -293,73 +290,74 @@ class Simulator:
             shadows = Shadows(strips, array, self.frequency)
         return ScanView(self.sensor.ground_in_view, pose, array, self._terrain, shadows)
 
-    def _single_echoes(self, view: ScanView, targets_only: bool = False) -> Echoes:
+    def _single_echoes(self, view: ScanView, targets_only: bool = False) -> list[Echo]:
         """Return the echoes of targets and, unless they alone count, of all that is no layer."""
-        echoes = Echoes()
+        echoes: list[Echo] = []
         for index, target in enumerate(self.world.targets):
             if _in_view(target, view.pose):
-                self._add_target(echoes, index, target, view)
+                array = self._above(target, view.array)
+                buried = target_echoes(target, self._ground, array)
+                through_hole = self._through_hole(buried, index, array)
+                echoes += self._raised(through_hole, target, view)
         if targets_only:
             return echoes
         for scene_object in self.world.objects:
             if _in_view(scene_object, view.pose):
-                first = len(echoes.path)
-                array = self._above(scene_object.x, scene_object.y, view.array)
-                add_object(echoes, scene_object, self._ground, array, self.seed)
-                self._cover(echoes, first, scene_object.x, scene_object.y, view)
+                array = self._above(scene_object, view.array)
+                standing = object_echoes(scene_object, self._ground, array, self.seed)
+                echoes += self._raised(standing, scene_object, view)
         return echoes
 
-    def _add_target(self, echoes: Echoes, index: int, target: Target, view: ScanView) -> None:
-        """Add a target's echoes, through its hole and what stands over it."""
-        first = len(echoes.path)
-        array = self._above(target.x, target.y, view.array)
-        add_target(echoes, target, self._ground, array)
-        self._pass_hole(echoes, first, index, array)
-        self._cover(echoes, first, target.x, target.y, view)
-
-    def _pass_hole(self, echoes: Echoes, first: int, index: int, array: ArrayState) -> None:
-        """Change a target's echoes, from number ``first`` on, by the loosened soil over it."""
+    def _through_hole(
+        self, echoes: Iterable[Echo], index: int, array: ArrayState
+    ) -> Iterable[Echo]:
+        """Return a target's echoes as the loosened soil over it passes them."""
         hole = self._hole_over.get(index)
         if hole is None:
-            return
+            return echoes
         target = self.world.targets[index]
         sine = incidence(target.x, target.y, 0.0, array)
         extra, factor = hole_factor(hole, target.depth, sine, self._ground)
-        for i in range(first, len(echoes.path)):
-            echoes.path[i] = echoes.path[i] + 2 * extra
-            echoes.spectrum[i] = echoes.spectrum[i] * factor
+        return [
+            echo._replace(path=echo.path + 2 * extra, spectrum=echo.spectrum * factor)
+            for echo in echoes
+        ]
 
-    def _above(self, x: float, y: float, array: ArrayState) -> ArrayState:
-        """Return the antennas with heights counted from the ground at a place.
+    def _above(self, body: Target | SceneObject, array: ArrayState) -> ArrayState:
+        """Return the antennas with heights counted from the ground at a body.
 
         A body stands on that ground as on a plane.
         """
-        ground = np.array([0.0, 0.0, self._height(x, y)])
+        ground = np.array([0.0, 0.0, self._height(body.x, body.y)])
         return dataclasses.replace(array, position=array.position - ground)
 
-    def _cover(self, echoes: Echoes, first: int, x: float, y: float, view: ScanView) -> None:
-        """Raise a body's echoes, from number ``first`` on, to the ground it stands on.
+    def _raised(
+        self, echoes: Iterable[Echo], body: Target | SceneObject, view: ScanView
+    ) -> list[Echo]:
+        """Return a body's echoes raised to the ground it stands on.
 
         They pass the grass around it and the shadow on it.
         """
+        echoes = list(echoes)
+        if not echoes:
+            return echoes
         grass = self.scene.grass
-        ground = self._height(x, y)
-        positions = np.array(echoes.position[first:]).reshape(-1, 3)
-        if not len(positions):
-            return
+        ground = self._height(body.x, body.y)
         through = np.ones((4, self.frequency.size), complex)
         if view.shadows is not None:
-            mean_height = max(positions[:, 2].mean(), 0.0)
-            through *= view.shadows.body_factor(np.array([x, y, ground + mean_height]))
-        sine = view.sine(np.array([[x, y, 0.0]])).item() if grass.grown else 0.0
-        for i, position in enumerate(positions, first):
+            mean_height = max(np.array([echo.position for echo in echoes])[:, 2].mean(), 0.0)
+            through *= view.shadows.body_factor(np.array([body.x, body.y, ground + mean_height]))
+        sine = view.sine(np.array([[body.x, body.y, 0.0]])).item() if grass.grown else 0.0
+        raised = []
+        for echo in echoes:
             factor = through
             if grass.grown:
-                above = min(max(1 - position[2] / grass.height, 0.0), 1.0)
+                above = min(max(1 - echo.position[2] / grass.height, 0.0), 1.0)
                 hh, vv, cross = through_grass(grass, self.frequency, sine, above)
                 factor = through * np.stack([hh, vv, cross, cross])
-            echoes.spectrum[i] = echoes.spectrum[i] * factor
-            echoes.position[i] = position + np.array([0.0, 0.0, ground])
+            position = echo.position + np.array([0.0, 0.0, ground])
+            raised.append(echo._replace(position=position, spectrum=echo.spectrum * factor))
+        return raised
 
     def _make_specular_echo(self) -> SpecularEcho | None:
         """Return the echo of the mean surface, None where sensor or scene has none."""
@@ -489,9 +487,9 @@ def system_response(sensor: Sensor, frequency: FloatArray) -> FloatArray:
     current moment.
     """
     if sensor.antenna.kind == "dipole":
-        return np.asarray(2 * np.pi * frequency * 4e-7 * np.pi / (4 * np.pi) ** 1.5)
+        return 2 * np.pi * frequency * 4e-7 * np.pi / (4 * np.pi) ** 1.5
     gain = 10 ** (sensor.antenna.gain_db / 10) * (frequency / sensor.antenna.gain_frequency) ** 2
-    return np.asarray(gain * SPEED_OF_LIGHT / frequency / (4 * np.pi) ** 1.5)
+    return gain * SPEED_OF_LIGHT / frequency / (4 * np.pi) ** 1.5
 
 
 def finest_cell(sensor: Sensor, distance: float = 10.0) -> float:

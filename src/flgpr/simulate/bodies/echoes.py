@@ -1,11 +1,11 @@
-"""Echoes of single bodies: the list of them, the ground that their rays meet, and their sum."""
+"""Echoes of single bodies: one of them, the ground that their rays meet, and their sum."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.refraction import Ray, interface_path, reflection, refracted_ray
 from flgpr.simulate.ground.roughness import HeightField
 from flgpr.simulate.radar.spread import ArrayState, antenna_terms
-from flgpr.simulate.scene.scene import Soil
+from flgpr.simulate.scene.scene import SceneObject, Soil, Target
 from flgpr.types import (
     AnyArray,
     Complex128Array,
@@ -25,47 +25,21 @@ from flgpr.types import (
 )
 
 
-@dataclass
-class Echoes:
-    """Echoes to be summed: a path per pair, a position, a spectrum and a weight per pair for each.
+class Echo(NamedTuple):
+    """An echo to be summed over pairs and tones."""
 
-    Spectra have four rows: HH, VV, and the cross amplitudes' mean (HV + VH)/2 and half difference
-    (HV - VH)/2. A weight has one row for the first three and one for the last.
-    """
+    path: FloatArray  #: (pair,): electrical path out and back, m
+    position: FloatArray  #: (3,): point at which the antennas' gains are taken, m
+    #: (4, frequency): HH, VV, and the cross amplitudes' mean (HV + VH)/2 and half difference
+    #: (HV - VH)/2, m
+    spectrum: Complex128Array
+    #: (2, pair or 1): of the first three amplitudes, and of the last
+    weight: FloatArray = np.ones((2, 1))
 
-    path: list[FloatArray] = field(default_factory=list)
-    position: list[FloatArray] = field(default_factory=list)
-    spectrum: list[Complex128Array] = field(default_factory=list)
-    weight: list[FloatArray] = field(default_factory=list)
 
-    def add(
-        self,
-        path: FloatArray,
-        position: FloatArray,
-        spectrum: AnyArray,
-        weight: FloatArray | None = None,
-    ) -> None:
-        """Add an echo.
-
-        Parameters
-        ----------
-        path : ndarray (pair,) or (1,)
-            Electrical path out and back, m.
-        position : ndarray (3,)
-            Point at which the antennas' gains are taken, m.
-        spectrum : ndarray (3 or 4, frequency)
-            Amplitudes, m; a missing fourth row is zero.
-        weight : ndarray (2, pair), optional
-            1 in every pair unless given.
-        """
-        four_rows = np.zeros((4, spectrum.shape[-1]), complex)
-        four_rows[: 4 if len(spectrum) == 4 else 3] = spectrum
-        if weight is None:
-            weight = np.ones((2, path.size))
-        self.path.append(path)
-        self.position.append(position)
-        self.spectrum.append(four_rows)
-        self.weight.append(weight)
+def without_difference(spectrum: AnyArray) -> Complex128Array:
+    """Return the four amplitudes of an echo of HH, VV and cross whose HV and VH are the same."""
+    return np.concatenate([spectrum, np.zeros((1, spectrum.shape[-1]), complex)])
 
 
 class LayeredGround:
@@ -88,6 +62,10 @@ class LayeredGround:
         Depths at which the layers begin, m.
     media : list of ndarray (frequency,)
         Complex permittivity of every layer.
+    media_from_air : list of ndarray (frequency,)
+        That of air before those of the layers.
+    middle : int
+        Number of the band's middle tone.
     real : list of float
         Real permittivity of every layer at the band's middle.
     """
@@ -98,9 +76,10 @@ class LayeredGround:
         self.heights = heights
         self.frequency = frequency
         self.wavenumber = 2 * np.pi * frequency / SPEED_OF_LIGHT
-        middle = frequency.size // 2
-        centre = frequency[middle : middle + 1]
+        self.middle = frequency.size // 2
+        centre = frequency[self.middle : self.middle + 1]
         self.media = soil.media(frequency)
+        self.media_from_air = [np.ones_like(self.media[0]), *self.media]
         self.real = [float(eps[0].real) for eps in soil.media(centre)]
 
     def layer(self, depth: FloatArray) -> IndexArray:
@@ -133,9 +112,8 @@ class LayeredGround:
         ndarray (2, frequency) of complex
             t² of H and of V.
         """
-        media = [np.ones_like(self.media[0]), *self.media[: layer + 1]]
         total = np.ones((2, self.frequency.size), complex)
-        for upper, lower in itertools.pairwise(media):
+        for upper, lower in itertools.pairwise(self.media_from_air[: layer + 2]):
             q1 = np.sqrt(upper - sine**2)
             q2 = np.sqrt(lower - sine**2)
             total[0] *= 2 * q1 / (q1 + q2)
@@ -165,19 +143,13 @@ class LayeredGround:
             extra = extra + thickness * (np.sqrt(eps - sine**2) - math.sqrt(real - sine**2))
         return np.exp(-2j * self.wavenumber * extra)
 
-    def ray(self, antennas: FloatArray, points: FloatArray) -> Ray:
-        """Return the rays from antennas to buried points, refracted and delayed by the roughness.
+    def rays(self, array: ArrayState, points: FloatArray) -> tuple[Ray, Ray]:
+        """Return the rays to buried points (pair, 3), m, from transmitters and from receivers."""
+        sent = self._ray(array.position[array.tx], points)
+        return sent, self._ray(array.position[array.rx], points)
 
-        Parameters
-        ----------
-        antennas, points : ndarray (n, 3)
-            Ends of each ray, m.
-
-        Returns
-        -------
-        Ray
-            Path, sine and point of entry of each ray.
-        """
+    def _ray(self, antennas: FloatArray, points: FloatArray) -> Ray:
+        """Return the rays from antennas to points (n, 3), m, bent and delayed by the roughness."""
         level = points[:, :2] - antennas[:, :2]
         distance = np.hypot(level[:, 0], level[:, 1])
         thicknesses = np.array([self.soil.thicknesses_above(-z) for z in points[:, 2]])
@@ -215,7 +187,20 @@ def bisectors(x: float, y: float, array: ArrayState) -> FloatArray:
     direction = array.position[:, :2] - np.array([x, y])
     direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)
     total = direction[array.tx] + direction[array.rx]
-    return np.asarray(total / np.linalg.norm(total, axis=1, keepdims=True))
+    return total / np.linalg.norm(total, axis=1, keepdims=True)
+
+
+def ring_points(
+    body: Target | SceneObject, reach: float, towards: FloatArray, z: float
+) -> FloatArray:
+    """Return the point of a body's ring that every pair sees (pair, 3), m.
+
+    It lies ``reach`` from the body's axis along the pair's direction ``towards`` (pair, 2).
+    """
+    points = np.empty((len(towards), 3))
+    points[:, :2] = np.array([body.x, body.y]) + reach * towards
+    points[:, 2] = z
+    return points
 
 
 def rotated(copolar: AnyArray, angle: float) -> AnyArray:
@@ -280,12 +265,12 @@ def antenna_gains(points: FloatArray, array: ArrayState) -> Float32Array:
     return gain
 
 
-def sum_echoes(echoes: Echoes, array: ArrayState, frequency: FloatArray) -> ComplexArray:
+def sum_echoes(echoes: Sequence[Echo], array: ArrayState, frequency: FloatArray) -> ComplexArray:
     """Sum echoes over all pairs and tones.
 
     Parameters
     ----------
-    echoes : Echoes
+    echoes : sequence of Echo
         The echoes.
     array : ArrayState
         The antennas.
@@ -298,19 +283,18 @@ def sum_echoes(echoes: Echoes, array: ArrayState, frequency: FloatArray) -> Comp
         HH, HV, VH and VV along the rays' directions, for dipoles along the antennas'.
     """
     out = np.zeros((4, array.tx.size, frequency.size), np.complex64)
-    if not echoes.path:
+    if not echoes:
         return out
-    pairs = array.tx.size
-    position = np.array(echoes.position)
+    position = np.array([echo.position for echo in echoes])
     gain = antenna_gains(position, array)
     ray = position - array.position[:, None]
     ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
     # A beam cos^(n/2) whose n grows with f² is exp(n/2·log cos).
     log_cosine = np.log(np.maximum(ray @ array.boresight, 1e-6))
 
-    path = np.stack([np.broadcast_to(p, (pairs,)) for p in echoes.path])
-    spectrum = np.ascontiguousarray(np.stack(echoes.spectrum), dtype=np.complex64)
-    weights = [np.broadcast_to(w, (2, pairs)) for w in echoes.weight]
+    path = np.stack([echo.path for echo in echoes])
+    spectrum = np.stack([echo.spectrum for echo in echoes]).astype(np.complex64)
+    weights = [np.broadcast_to(echo.weight, (2, array.tx.size)) for echo in echoes]
     weight = np.stack(weights).astype(np.float32)
 
     first = frequency[0] / SPEED_OF_LIGHT

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from flgpr.model.refraction import reflection
-from flgpr.types import ArrayLike, Complex128Array
+from flgpr.types import ArrayLike, Complex128Array, floats
 
 Profile = Sequence[tuple[float, float]]
 
@@ -126,11 +126,11 @@ def rim_amplitude(rim: Rim, wavenumber: ArrayLike, sine: ArrayLike) -> Complex12
     ndarray of complex
         Amplitude, m, in the broadcast shape.
     """
-    k = np.asarray(wavenumber, dtype=float)
-    s = np.asarray(sine, dtype=float)
+    k = floats(wavenumber)
+    s = floats(sine)
     size = np.sqrt(rim.radius / (4 * np.pi * k * s))
     phase = -0.75j * np.pi if rim.is_near else -0.25j * np.pi
-    return np.asarray(size * np.exp(phase))
+    return size * np.exp(phase)
 
 
 def layered_reflection(
@@ -158,8 +158,8 @@ def layered_reflection(
         raise ValueError(
             f"media must be two more than thickness, got {len(media)} and {len(thickness)}"
         )
-    k = np.asarray(wavenumber, dtype=float)
-    s = np.asarray(sine, dtype=float)
+    k = floats(wavenumber)
+    s = floats(sine)
     total_h, total_v = reflection(s, media[-2], media[-1])
     for i in range(len(thickness) - 1, -1, -1):
         q = k * np.sqrt(np.asarray(media[i + 1], dtype=complex) - s**2)
@@ -197,7 +197,7 @@ def layers_strength(
     ndarray (2, frequency) of complex
         Of H and V, for :func:`rim_amplitude`.
     """
-    k = np.asarray(wavenumber, dtype=float)
+    k = floats(wavenumber)
     eps = np.asarray(soil, dtype=complex)
     down = k * np.sqrt(eps - sine**2)
     total = np.zeros((2, k.size), complex)

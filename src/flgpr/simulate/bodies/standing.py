@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
 from flgpr.simulate.bodies import rims as bodies
-from flgpr.simulate.bodies.echoes import Echoes, LayeredGround, bisectors, incidence, rotated
+from flgpr.simulate.bodies.echoes import (
+    Echo,
+    LayeredGround,
+    bisectors,
+    incidence,
+    ring_points,
+    rotated,
+    without_difference,
+)
 from flgpr.simulate.radar.spread import ArrayState
 from flgpr.simulate.scene.draw import stream
 from flgpr.simulate.scene.scene import SceneObject, Target
@@ -18,16 +27,14 @@ _COPOLAR = np.array([1.0, 1.0, 0.0])
 _CONDUCTOR = np.array([[-1.0], [1.0]])
 
 
-def add_standing(echoes: Echoes, target: Target, ground: LayeredGround, array: ArrayState) -> None:
-    """Add a target on the ground.
+def standing_echoes(target: Target, ground: LayeredGround, array: ArrayState) -> Iterator[Echo]:
+    """Yield the echoes of a target on the ground.
 
-    Its echoes are that of the corner which its wall makes with the ground, and those of the rims of
+    They are that of the corner which its wall makes with the ground, and those of the rims of
     its top.
 
     Parameters
     ----------
-    echoes : Echoes
-        Where they are added.
     target : Target
         The target, whose depth is negative.
     ground : LayeredGround
@@ -44,8 +51,8 @@ def add_standing(echoes: Echoes, target: Target, ground: LayeredGround, array: A
 
     # The cylinder's wall by stationary phase; twice, as waves meet wall and ground in either order.
     wall_amplitude = np.sqrt(k * radius * sine / (4 * np.pi)) * 2 * height * np.exp(-0.25j * np.pi)
-    corner = _without_cross(wall_amplitude * _CONDUCTOR * ground.reflection(sine) * wall)
-    _add_ring_point(echoes, target, radius, towards, 0.0, corner, array)
+    corner = wall_amplitude * _CONDUCTOR * ground.reflection(sine) * wall
+    yield _ring_echo(target, radius, towards, 0.0, corner, array)
 
     for rim in bodies.visible_rims(target.outline, sine):
         if rim.drop > 0:
@@ -54,7 +61,7 @@ def add_standing(echoes: Echoes, target: Target, ground: LayeredGround, array: A
         size = bodies.rim_amplitude(rim, k, sine) * top * edge
         reach = rim.radius if rim.is_near else -rim.radius
         z = height - rim.drop
-        _add_ring_point(echoes, target, reach, towards, z, _without_cross(size), array)
+        yield _ring_echo(target, reach, towards, z, size, array)
 
 
 def _standing_reflections(
@@ -75,43 +82,34 @@ def _standing_reflections(
     return wall, top
 
 
-def _without_cross(copolar: Complex128Array) -> Complex128Array:
-    """Return HH, VV and a cross amplitude of zero."""
-    return np.concatenate([copolar, np.zeros((1, copolar.shape[1]))])
-
-
-def _add_ring_point(
-    echoes: Echoes,
+def _ring_echo(
     target: Target | SceneObject,
     reach: float,
     towards: FloatArray,
     z: float,
-    spectrum: Complex128Array,
+    copolar: Complex128Array,
     array: ArrayState,
-) -> None:
-    """Add an echo in air from the point of a ring that lies ``reach`` (m) towards the radar."""
-    point = np.empty((array.tx.size, 3))
-    point[:, :2] = np.array([target.x, target.y]) + reach * towards
-    point[:, 2] = z
-    echoes.add(_air_path(point, array), np.array([target.x, target.y, z]), spectrum)
+) -> Echo:
+    """Return the echo in air, HH and VV, from a ring's point ``reach`` (m) towards the radar."""
+    path = _air_path(ring_points(target, reach, towards, z), array)
+    spectrum = np.concatenate([copolar, np.zeros_like(copolar)])
+    return Echo(path, np.array([target.x, target.y, z]), spectrum)
 
 
 def _air_path(point: FloatArray, array: ArrayState) -> FloatArray:
-    """Return the paths (pair,) in air by way of points (pair or 1, 3), m."""
+    """Return the paths (pair,) in air by way of a point (3,) or one for every pair, m."""
     sent = np.linalg.norm(array.position[array.tx] - point, axis=-1)
     taken = np.linalg.norm(array.position[array.rx] - point, axis=-1)
-    return np.asarray(sent + taken)
+    return sent + taken
 
 
-def add_object(
-    echoes: Echoes, scene_object: SceneObject, ground: LayeredGround, array: ArrayState, seed: int
-) -> None:
-    """Add an object's echoes.
+def object_echoes(
+    scene_object: SceneObject, ground: LayeredGround, array: ArrayState, seed: int
+) -> Iterable[Echo]:
+    """Return an object's echoes.
 
     Parameters
     ----------
-    echoes : Echoes
-        Where they are added.
     scene_object : SceneObject
         The object.
     ground : LayeredGround
@@ -122,13 +120,12 @@ def add_object(
         Draws the tilt of rocks and the twigs of bushes.
     """
     if scene_object.kind == "rock":
-        _add_rock(echoes, scene_object, ground, array, seed)
-    elif scene_object.kind == "post":
-        _add_post(echoes, scene_object, ground, array)
-    elif scene_object.kind == "bush":
-        _add_bush(echoes, scene_object, ground, array, seed)
-    else:
-        _add_fiducial(echoes, scene_object, ground, array)
+        return [_rock(scene_object, ground, array, seed)]
+    if scene_object.kind == "post":
+        return _post(scene_object, ground, array)
+    if scene_object.kind == "bush":
+        return _bush(scene_object, ground, array, seed)
+    return [_fiducial(scene_object, ground, array)]
 
 
 def _object_stream(seed: int, scene_object: SceneObject) -> np.random.Generator:
@@ -138,10 +135,8 @@ def _object_stream(seed: int, scene_object: SceneObject) -> np.random.Generator:
     return stream(seed, scene_object.kind, x_mm, y_mm)
 
 
-def _add_rock(
-    echoes: Echoes, scene_object: SceneObject, ground: LayeredGround, array: ArrayState, seed: int
-) -> None:
-    """Add a half-buried stone of permittivity 6 and its image in the ground.
+def _rock(scene_object: SceneObject, ground: LayeredGround, array: ArrayState, seed: int) -> Echo:
+    """Return the echo of a half-buried stone of permittivity 6 and its image in the ground.
 
     It is a dipole, half a radius up, that saturates at the optical cross section.
     """
@@ -165,13 +160,11 @@ def _add_rock(
     rng = _object_stream(seed, scene_object)
     spectrum = rotated(size * copolar, rng.normal(0, 0.2))
     point = np.tile([scene_object.x, scene_object.y, radius / 2], (array.tx.size, 1))
-    echoes.add(_air_path(point, array), point[0], spectrum)
+    return Echo(_air_path(point, array), point[0], without_difference(spectrum))
 
 
-def _add_post(
-    echoes: Echoes, scene_object: SceneObject, ground: LayeredGround, array: ArrayState
-) -> None:
-    """Add an upright cylinder: direct, image and corner echoes, integrated over its height."""
+def _post(scene_object: SceneObject, ground: LayeredGround, array: ArrayState) -> Iterator[Echo]:
+    """Yield the echoes of an upright cylinder: direct, image and corner echoes, integrated over its height."""
     sine = incidence(scene_object.x, scene_object.y, scene_object.height / 2, array)
     k = ground.wavenumber
     cosine = math.sqrt(1 - sine**2)
@@ -185,8 +178,7 @@ def _add_post(
     image = -line * end * bounce**2
     towards = bisectors(scene_object.x, scene_object.y, array)
     for z, copolar in ((0.0, foot), (scene_object.height, top), (-scene_object.height, image)):
-        spectrum = _without_cross(copolar)
-        _add_ring_point(echoes, scene_object, scene_object.radius, towards, z, spectrum, array)
+        yield _ring_echo(scene_object, scene_object.radius, towards, z, copolar, array)
 
 
 def bush_scatterers(
@@ -221,24 +213,23 @@ def bush_scatterers(
     return position, unit * level * np.array([1.0, 1.0, 0.5])
 
 
-def _add_bush(
-    echoes: Echoes, scene_object: SceneObject, ground: LayeredGround, array: ArrayState, seed: int
-) -> None:
-    """Add twigs whose cross section grows by 5 dB per decade of frequency."""
+def _bush(
+    scene_object: SceneObject, ground: LayeredGround, array: ArrayState, seed: int
+) -> Iterator[Echo]:
+    """Yield the echoes of twigs whose cross section grows by 5 dB per decade of frequency."""
     positions, amplitude = bush_scatterers(scene_object, seed)
     growth = (ground.frequency / 1e9) ** 0.25
     for position, size in zip(positions, amplitude, strict=True):
-        echoes.add(_air_path(position[None, :], array), position, size[:, None] * growth)
+        spectrum = without_difference(size[:, None] * growth)
+        yield Echo(_air_path(position, array), position, spectrum)
 
 
-def _add_fiducial(
-    echoes: Echoes, scene_object: SceneObject, ground: LayeredGround, array: ArrayState
-) -> None:
-    """Add a corner reflector.
+def _fiducial(scene_object: SceneObject, ground: LayeredGround, array: ArrayState) -> Echo:
+    """Return the echo of a corner reflector.
 
     Its cross section grows as f², the same in HH and VV, 0 dBsm at 1 GHz unless given.
     """
     level = 10 ** ((scene_object.rcs_db or 0.0) / 20) / math.sqrt(4 * np.pi)
-    point = np.array([[scene_object.x, scene_object.y, scene_object.height]])
-    spectrum = level * (ground.frequency / 1e9) * _COPOLAR[:, None]
-    echoes.add(_air_path(point, array), point[0], spectrum.astype(complex))
+    point = np.array([scene_object.x, scene_object.y, scene_object.height])
+    spectrum = without_difference(level * (ground.frequency / 1e9) * _COPOLAR[:, None])
+    return Echo(_air_path(point, array), point, spectrum)

@@ -10,15 +10,17 @@ import numpy as np
 
 from flgpr.simulate.bodies import rims as bodies
 from flgpr.simulate.bodies.echoes import (
-    Echoes,
+    Echo,
     LayeredGround,
     antenna_gains,
     bisectors,
     incidence,
+    ring_points,
     rotated,
+    without_difference,
 )
 from flgpr.simulate.bodies.signature import FREQUENCY, SEPARATION, SINE, find_table, packaged_table
-from flgpr.simulate.bodies.standing import add_standing
+from flgpr.simulate.bodies.standing import standing_echoes
 from flgpr.simulate.radar.spread import ArrayState
 from flgpr.simulate.scene.scene import Target
 from flgpr.types import Complex128Array, ComplexArray, FloatArray
@@ -36,16 +38,14 @@ _TABLE_RADIUS = 0.16
 _TABLE_PERMITTIVITY = 2.9
 
 
-def add_target(echoes: Echoes, target: Target, ground: LayeredGround, array: ArrayState) -> None:
-    """Add a target's echoes.
+def target_echoes(target: Target, ground: LayeredGround, array: ArrayState) -> Iterator[Echo]:
+    """Return a target's echoes.
 
     A buried target echoes by its signature, a target on the ground and one that no table describes
     by rays.
 
     Parameters
     ----------
-    echoes : Echoes
-        Where they are added.
     target : Target
         The target.
     ground : LayeredGround
@@ -54,23 +54,18 @@ def add_target(echoes: Echoes, target: Target, ground: LayeredGround, array: Arr
         The antennas, their heights counted from that ground.
     """
     if target.depth < 0:
-        add_standing(echoes, target, ground, array)
-    elif target.profile is None and float(ground.frequency.mean()) <= FREQUENCY[-1]:
-        _add_signature(echoes, target, ground, array)
-    else:
-        _add_rims(echoes, target, ground, array)
+        return standing_echoes(target, ground, array)
+    if target.profile is None and float(ground.frequency.mean()) <= FREQUENCY[-1]:
+        return _signature(target, ground, array)
+    return _rims(target, ground, array)
 
 
-def _add_signature(
-    echoes: Echoes, target: Target, ground: LayeredGround, array: ArrayState
-) -> None:
-    """Add a table's nodes, weighted in each pair by its incidence, bistatic angle and aspect."""
+def _signature(target: Target, ground: LayeredGround, array: ArrayState) -> Iterator[Echo]:
+    """Yield the echoes of a table's nodes, weighted in each pair by its incidence, bistatic angle and aspect."""
     layer = ground.medium(target.depth)
     permittivity = ground.real[layer]
     aspects, basis, slope = _basis(target, ground, layer)
-    point = _repeated(target, array)
-    sent = ground.ray(array.position[array.tx], point)
-    taken = ground.ray(array.position[array.rx], point)
+    sent, taken = ground.rays(array, _repeated(target, array))
     sine = (sent.sine + taken.sine) / 2
     mean_sine = float(sine.mean())
     separation, azimuth = _azimuths(target, array)
@@ -96,11 +91,11 @@ def _add_signature(
             continue  # (HV + VH)/2 of round bodies is zero
         nodes = weight[..., kind, :].reshape(len(spectra), -1)
         for pair_weight, node_spectrum in _principal_weights(nodes, spectra[:, channels]):
-            spectrum = np.zeros((4, node_spectrum.shape[-1]), np.complex64)
+            spectrum = np.zeros((4, node_spectrum.shape[-1]), complex)
             spectrum[channels] = node_spectrum
             if kind == 0:
                 spectrum[:3] = rotated(node_spectrum, across)
-            echoes.add(path, surface, spectrum, np.stack([pair_weight, pair_weight]))
+            yield Echo(path, surface, spectrum, np.stack([pair_weight, pair_weight]))
 
 
 def _repeated(target: Target, array: ArrayState) -> FloatArray:
@@ -136,14 +131,12 @@ def mean_amplitude(target: Target, ground: LayeredGround, array: ArrayState) -> 
     """
     layer = ground.medium(target.depth)
     aspects, amplitudes = _amplitudes(target, ground.media[layer], ground.frequency)
-    point = _repeated(target, array)
-    sent = ground.ray(array.position[array.tx], point)
-    taken = ground.ray(array.position[array.rx], point)
-    sine = np.mean([sent.sine, taken.sine], axis=0)
+    sent, taken = ground.rays(array, _repeated(target, array))
+    sine = (sent.sine + taken.sine) / 2
     separation, azimuth = _azimuths(target, array)
     weight = node_weights(sine, separation, _aspect(azimuth, target), aspects)
     mean_weight = weight[..., 0, :].mean(axis=-1)
-    return np.asarray(np.einsum("ajs,ajspf->pf", mean_weight, amplitudes[..., :2, :]))
+    return np.einsum("ajs,ajspf->pf", mean_weight, amplitudes[..., :2, :])
 
 
 def _principal_weights(
@@ -187,7 +180,7 @@ def _taper(
     log_above = np.log(np.abs(ground.entry_squared(sine + _SINE_STEP, layer)))
     entry = (log_above - log_below) / (2 * _SINE_STEP) * sine_change
 
-    return np.asarray(2 * growth.mean(axis=0)[:, None] + entry + 1 / (2 * slant * sine))
+    return 2 * growth.mean(axis=0)[:, None] + entry + 1 / (2 * slant * sine)
 
 
 def _lean(
@@ -212,7 +205,7 @@ def _leaning(sine: FloatArray, lean: float, permittivity: float) -> FloatArray:
     """
     index = math.sqrt(permittivity)
     in_soil = np.arcsin(np.minimum(sine / index, 1.0))
-    return np.asarray(index * np.sin(in_soil - math.atan(lean)))
+    return index * np.sin(in_soil - math.atan(lean))
 
 
 def _azimuths(target: Target, array: ArrayState) -> tuple[FloatArray, FloatArray]:
@@ -261,7 +254,7 @@ def node_weights(
     cosines, sines = _aspect_weights(aspect, aspects)
     turned = np.stack([cosines, sines, cosines], axis=1)[:, None, None]  # (aspect, 1, 1, 3, pair)
     apart = np.stack([even, even, odd], axis=1)  # (separation, 3, pair)
-    return np.asarray(turned * along[:, None, None] * apart)
+    return turned * along[:, None, None] * apart
 
 
 def _lagrange(nodes: FloatArray, at: FloatArray) -> FloatArray:
@@ -342,8 +335,8 @@ def _relative_permittivity(target: Target) -> float:
     return target.dielectric / _TABLE_PERMITTIVITY
 
 
-def _add_rims(echoes: Echoes, target: Target, ground: LayeredGround, array: ArrayState) -> None:
-    """Add the near and far flash of every rim that is seen through the ground."""
+def _rims(target: Target, ground: LayeredGround, array: ArrayState) -> Iterator[Echo]:
+    """Yield the near and far flash of every rim that is seen through the ground."""
     sine = incidence(target.x, target.y, 0.0, array)
     layer = ground.medium(target.depth)
     index = math.sqrt(ground.real[layer])
@@ -359,11 +352,8 @@ def _add_rims(echoes: Echoes, target: Target, ground: LayeredGround, array: Arra
         side = 1.0 if rim.is_near else -1.0
         # The axis leans towards the radar: the near rim sinks, the far one rises.
         depth = max(target.depth + rim.drop + side * rim.radius * along, 0.0)
-        point = np.empty((array.tx.size, 3))
-        point[:, :2] = np.array([target.x, target.y]) + side * rim.radius * towards
-        point[:, 2] = -depth
-        sent = ground.ray(array.position[array.tx], point)
-        taken = ground.ray(array.position[array.rx], point)
+        points = ring_points(target, side * rim.radius, towards, -depth)
+        sent, taken = ground.rays(array, points)
 
         size = bodies.rim_amplitude(rim, index * ground.wavenumber, sine / index)
         size = size * ground.dispersion(sine, depth)
@@ -371,7 +361,8 @@ def _add_rims(echoes: Echoes, target: Target, ground: LayeredGround, array: Arra
         if cover is not None and rim.drop == 0 and not rim.is_near:
             copolar = copolar * cover
         position = np.array([target.x, target.y, -depth])
-        echoes.add(sent.path + taken.path, position, rotated(copolar, across))
+        spectrum = without_difference(rotated(copolar, across))
+        yield Echo(sent.path + taken.path, position, spectrum)
 
 
 def _strength(

@@ -10,8 +10,9 @@ from scipy.interpolate import CubicSpline
 
 from flgpr.simulate.bodies.echoes import LayeredGround
 from flgpr.simulate.ground import inclusions
+from flgpr.simulate.ground.layers import PointEchoes
 from flgpr.simulate.scene.scene import Scene
-from flgpr.types import Complex128Array, ComplexArray, FloatArray, IndexArray
+from flgpr.types import AnyArray, Complex128Array, ComplexArray, FloatArray, IndexArray
 
 # Corner frequencies over the band's middle for which shapes of growth are made.
 _CORNERS = np.geomspace(0.02, 50.0, 28)
@@ -46,8 +47,7 @@ def spectral_shapes(scene: Scene, ground: LayeredGround) -> FloatArray:
         Amplitudes over those at the band's middle.
     """
     k = ground.wavenumber
-    middle = k.size // 2
-    u = k / k[middle]
+    u = k / k[ground.middle]
     soil = ground.real[-1]
     uneven = scene.heterogeneity
     power = inclusions.volume_backscatter(k, LEVEL, soil, 1.0, uneven.horizontal, uneven.vertical)
@@ -59,7 +59,7 @@ def spectral_shapes(scene: Scene, ground: LayeredGround) -> FloatArray:
     wall = u**-0.5 * np.exp(-0.5 * (2 * k * LEVEL * scene.holes.wall) ** 2)
     cap = u**-0.5
     shapes += [volume, lens, wall, cap]
-    return np.array([shape / shape[middle] for shape in shapes])
+    return np.array([shape / shape[ground.middle] for shape in shapes])
 
 
 def incidence_laws(scene: Scene, ground: LayeredGround) -> FloatArray:
@@ -73,7 +73,7 @@ def incidence_laws(scene: Scene, ground: LayeredGround) -> FloatArray:
     sine = np.linspace(0, 1, 256)
     laws = np.ones((CAP + 1, sine.size))
     uneven = scene.heterogeneity
-    k = ground.wavenumber[ground.wavenumber.size // 2]
+    k = ground.wavenumber[ground.middle]
 
     def volume(s: FloatArray | float) -> FloatArray:
         """Return the cross section per volume at a sine, for a deviation of one."""
@@ -136,7 +136,7 @@ class BuriedSpectra:
         loss = np.array([ground.dispersion(LEVEL, d)[nodes] for d in depths])
         rows = shapes[:, None, nodes] * loss
         if cover is not None:
-            middle = frequency.size // 2
+            middle = ground.middle
             over = cover(_SINES)
             self._entry *= over[:, :, middle].T
             growth = over.mean(axis=(0, 1))
@@ -153,7 +153,7 @@ class BuriedSpectra:
 
     def permittivity(self, depth: FloatArray) -> FloatArray:
         """Return the real permittivity at the band's middle at each depth, m."""
-        return np.asarray(np.array(self._ground.real)[self._ground.layer(depth)])
+        return np.array(self._ground.real)[self._ground.layer(depth)]
 
     def delay(self, depth: FloatArray, sine: FloatArray) -> FloatArray:
         """Return the electrical path from the surface to depths, ``Σ d_i·sqrt(ε_i - sin²θ)``, m."""
@@ -180,7 +180,7 @@ class BuriedSpectra:
         layer = self._ground.layer(depth)
         low = self._entry[layer, cell]
         high = self._entry[layer, cell + 1]
-        return np.asarray(low * (1 - fraction) + high * fraction)
+        return low * (1 - fraction) + high * fraction
 
     def weights(self, shape: IndexArray, depth: FloatArray, sine: FloatArray) -> ComplexArray:
         """Return the weights (point, rank) of the functions."""
@@ -192,13 +192,26 @@ class BuriedSpectra:
         fraction = (position - cell).astype(np.float32)[:, None]
         low = self._weights[shape, cell]
         high = self._weights[shape, cell + 1]
-        return np.asarray(low + fraction * (high - low))
+        return low + fraction * (high - low)
+
+    def point_echoes(
+        self,
+        points: FloatArray,
+        shape: IndexArray,
+        depth: FloatArray,
+        sine: FloatArray,
+        amplitude: AnyArray,
+    ) -> PointEchoes:
+        """Return the echoes of points whose amplitudes (point, 3) and places above are given."""
+        weights = self.weights(shape, depth, sine)
+        coefficient = (weights[:, :, None] * amplitude[:, None]).astype(np.complex64)
+        return PointEchoes(points, self.delay(depth, sine), coefficient, self.basis)
 
 
 def _entry_table(ground: LayeredGround) -> Complex128Array:
     """Return t12² (layer, sine, 3) at the band's middle: of HH, VV and their geometric mean."""
-    middle = ground.frequency.size // 2
-    at_middle = LayeredGround(ground.soil, None, ground.frequency[middle : middle + 1])
+    middle_tone = ground.frequency[ground.middle : ground.middle + 1]
+    at_middle = LayeredGround(ground.soil, None, middle_tone)
     copolar = []
     for layer in range(len(ground.real)):
         entries = [at_middle.entry_squared(sine, layer)[:, 0] for sine in _SINES]

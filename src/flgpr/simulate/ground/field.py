@@ -56,7 +56,7 @@ def jittered(rng: np.random.Generator, cells: tuple[int, int]) -> FloatArray:
     Jittered positions (Cook 1986) are even although they are few.
     """
     corner = _cell_corners(cells)
-    return np.asarray((corner + rng.random(corner.shape)) / cells)
+    return (corner + rng.random(corner.shape)) / cells
 
 
 class Scatterers(NamedTuple):
@@ -197,7 +197,7 @@ class _Texture:
         low = nodes[cy, cx] * (1 - fx) + nodes[cy, cx + 1] * fx
         high = nodes[cy + 1, cx] * (1 - fx) + nodes[cy + 1, cx + 1] * fx
         gaussian = low * (1 - fy) + high * fy
-        return np.asarray(np.interp(gaussian, self._grid, self._power))
+        return np.interp(gaussian, self._grid, self._power)
 
     def _waves_along(self, tile: int, axis: int) -> Complex128Array:
         """Return the waves (node, mode) at the nodes of a tile along x (0) or y (1)."""

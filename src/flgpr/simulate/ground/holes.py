@@ -12,7 +12,7 @@ from flgpr.simulate.ground.inclusions import disc_flash
 from flgpr.simulate.ground.roughness import bragg_factors
 from flgpr.simulate.scene.draw import stream
 from flgpr.simulate.scene.scene import Patch, Scene, Target
-from flgpr.types import ArrayLike, Complex128Array, FloatArray
+from flgpr.types import ArrayLike, Complex128Array, FloatArray, floats
 
 
 class Hole(NamedTuple):
@@ -48,7 +48,7 @@ class Hole(NamedTuple):
         thinned_soil = (np.sqrt(soil) - 1) * self.looseness
         added_water = (np.sqrt(water(frequency)) - 1) * self.moisture
         index = 1 + thinned_soil + added_water
-        return np.asarray(np.where(index.real > 1, index, 1.0) ** 2)
+        return np.where(index.real > 1, index, 1.0) ** 2
 
 
 def water(frequency: ArrayLike) -> Complex128Array:
@@ -56,7 +56,7 @@ def water(frequency: ArrayLike) -> Complex128Array:
 
     A Debye relaxation (Ulaby, Moore & Fung 1986, App. E).
     """
-    f = np.asarray(frequency, dtype=float)
+    f = floats(frequency)
     return np.asarray(4.9 + 75.2 / (1 + 2j * np.pi * f * 9.23e-12))
 
 
@@ -148,7 +148,7 @@ def hole_factor(
     cosine = math.sqrt(1 - sine**2)
     passed = thickness * np.sqrt(fill - sine**2) - cap * cosine
     passed = passed - depth_in_hole * np.sqrt(ground.media[0] - sine**2)
-    extra = float(passed[ground.frequency.size // 2].real)
+    extra = float(passed[ground.middle].real)
     return extra, np.exp(-2j * ground.wavenumber * (passed - extra))
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flgpr.types import ArrayLike, Complex128Array, FloatArray
+from flgpr.types import ArrayLike, Complex128Array, FloatArray, floats
 
 _FULL = np.sqrt(4 * np.pi)
 
@@ -40,9 +40,9 @@ def stone(
     corner : ndarray
         Frequency over the given one at which u = 1.
     """
-    a = np.asarray(radius, dtype=float)
-    er = np.asarray(body, dtype=float)
-    es = np.asarray(soil, dtype=float)
+    a = floats(radius)
+    er = floats(body)
+    es = floats(soil)
     # Contrast of the dipole over the optical one.
     slope = (np.sqrt(er) + np.sqrt(es)) ** 2 / (er + 2 * es)
     contrast = (np.sqrt(er) - np.sqrt(es)) / (np.sqrt(er) + np.sqrt(es))
@@ -54,8 +54,8 @@ def stone(
 
 def stone_shape(u: ArrayLike) -> FloatArray:
     """Return a stone's growth with frequency over its corner frequency, ``u²/sqrt(1 + u⁴)``."""
-    u2 = np.asarray(u, dtype=float) ** 2
-    return np.asarray(u2 / np.sqrt(1 + u2**2))
+    u2 = floats(u) ** 2
+    return u2 / np.sqrt(1 + u2**2)
 
 
 def spheroid(stretch: ArrayLike, body: ArrayLike, soil: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -76,9 +76,9 @@ def spheroid(stretch: ArrayLike, body: ArrayLike, soil: ArrayLike) -> tuple[Floa
         For fields along and across the axis of revolution.
     """
     q, er, es = np.broadcast_arrays(
-        np.asarray(stretch, dtype=float),
-        np.asarray(body, dtype=float),
-        np.asarray(soil, dtype=float),
+        floats(stretch),
+        floats(body),
+        floats(soil),
     )
     # Near the sphere both formulas are 0/0: there the first terms of their series hold.
     nearly_round = np.abs(q - 1) < 1e-3
@@ -120,8 +120,8 @@ def root(
     corner : ndarray
         Frequency over the given one at which the amplitude along the cylinder saturates.
     """
-    a = np.asarray(radius, dtype=float)
-    es = np.asarray(soil, dtype=float)
+    a = floats(radius)
+    es = floats(soil)
     thin = wavenumber**2 / (4 * np.pi) * np.pi * a**2 * (body - es)
     index = np.sqrt(complex(body))
     face = np.abs((index - np.sqrt(es)) / (index + np.sqrt(es)))
@@ -135,8 +135,8 @@ def root(
 
 def root_shape(u: ArrayLike) -> FloatArray:
     """Return a root's growth with frequency over its corner frequency, ``u²/sqrt(1 + u³)``."""
-    u = np.asarray(u, dtype=float)
-    return np.asarray(u**2 / np.sqrt(1 + u**3))
+    u = floats(u)
+    return u**2 / np.sqrt(1 + u**3)
 
 
 def volume_backscatter(
@@ -167,11 +167,11 @@ def volume_backscatter(
     horizontal, vertical : float
         Correlation lengths L_h and L_v, m.
     """
-    k = np.asarray(wavenumber, dtype=float)
-    s2 = np.asarray(sine, dtype=float) ** 2
-    stretch = 4 * k**2 * (s2 * horizontal**2 + (np.asarray(soil, dtype=float) - s2) * vertical**2)
+    k = floats(wavenumber)
+    s2 = floats(sine) ** 2
+    stretch = 4 * k**2 * (s2 * horizontal**2 + (floats(soil) - s2) * vertical**2)
     spectrum = 8 * np.pi * deviation**2 * horizontal**2 * vertical / (1 + stretch) ** 2
-    return np.asarray(k**4 / (4 * np.pi) * spectrum)
+    return k**4 / (4 * np.pi) * spectrum
 
 
 def disc_flash(
@@ -190,8 +190,8 @@ def disc_flash(
     side : float
         1 for the near, -1 for the far flash.
     """
-    x = 2 * wavenumber * np.asarray(radius, dtype=float) * np.asarray(sine, dtype=float)
-    return np.asarray(np.sqrt(2 / (np.pi * x**3)) * np.exp(-0.75j * np.pi * side))
+    x = 2 * wavenumber * floats(radius) * floats(sine)
+    return np.sqrt(2 / (np.pi * x**3)) * np.exp(-0.75j * np.pi * side)
 
 
 def lens(
@@ -202,7 +202,7 @@ def lens(
     That of the far flash is its conjugate. Radius and thickness are in m; the contrast is the
     difference of permittivity, the wavenumber that in air.
     """
-    a = np.asarray(radius, dtype=float)
-    difference = np.asarray(contrast, dtype=float)
+    a = floats(radius)
+    difference = floats(contrast)
     volume_factor = _FULL * wavenumber**2 / 4 * difference * a**2 * thickness
-    return np.asarray(volume_factor * disc_flash(a, wavenumber))
+    return volume_factor * disc_flash(a, wavenumber)

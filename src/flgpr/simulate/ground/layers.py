@@ -21,7 +21,7 @@ from flgpr.simulate.radar.spread import ArrayState, Spreader
 from flgpr.simulate.scene import scene_tables as tables
 from flgpr.simulate.scene.draw import stream
 from flgpr.simulate.scene.scene import Surface
-from flgpr.types import AnyArray, ArrayLike, BoolArray, ComplexArray, FloatArray, IndexArray
+from flgpr.types import AnyArray, ArrayLike, BoolArray, ComplexArray, FloatArray, IndexArray, floats
 
 if TYPE_CHECKING:
     from flgpr.simulate.ground.shadow import Shadows
@@ -103,7 +103,12 @@ class ScanView:
         x = in_vehicle[:, 0]
         y = in_vehicle[:, 1]
         x_min, x_max, y_min, y_max = self.footprint
-        return np.asarray((x >= x_min) & (x <= x_max) & (y >= y_min) & (y <= y_max))
+        return (x >= x_min) & (x <= x_max) & (y >= y_min) & (y <= y_max)
+
+    def towards(self, xy: FloatArray) -> FloatArray:
+        """Return the level directions (point, 2) from places (point, 2) to the array's centre."""
+        offset = self.centre[:2] - xy
+        return offset / np.hypot(offset[:, 0], offset[:, 1])[:, None]
 
     def sine(self, points: FloatArray) -> FloatArray:
         """Return the sines (point,) of the angles of incidence from the array's centre.
@@ -113,7 +118,7 @@ class ScanView:
         if self.terrain is not None:
             return self.terrain.local_sine(points, self.centre)
         offset = points - self.centre
-        return np.asarray(np.hypot(offset[:, 0], offset[:, 1]) / np.linalg.norm(offset, axis=1))
+        return np.hypot(offset[:, 0], offset[:, 1]) / np.linalg.norm(offset, axis=1)
 
 
 class ScattererLayer(Protocol):
@@ -164,7 +169,7 @@ class SineSpectra:
         fraction = (position - cell)[:, None, None]
         low = self._weights[cell]
         high = self._weights[cell + 1]
-        return np.asarray(low * (1 - fraction) + high * fraction)
+        return low * (1 - fraction) + high * fraction
 
 
 class SurfaceLayer:
@@ -298,8 +303,7 @@ def sum_layers(
     """
     layer_echoes = [layer.echoes(view) for layer in layers]
     if not layer_echoes:
-        channels = 4 if view.array.dipoles else 3
-        return np.zeros((channels, view.array.tx.size, spreader.count), np.complex64)
+        return np.zeros((view.array.channels, view.array.tx.size, spreader.count), np.complex64)
     points = np.concatenate([echoes.points for echoes in layer_echoes])
     extra = np.concatenate([echoes.extra for echoes in layer_echoes])
     values = np.concatenate([skeleton.values(echoes) for echoes in layer_echoes])
@@ -333,7 +337,7 @@ def slants(grass: tables.Grass, sine: ArrayLike) -> FloatArray:
     ndarray (3, ...)
         Of H, of V, and their mean for cross.
     """
-    sine = np.asarray(sine, dtype=float)
+    sine = floats(sine)
     cosine = np.sqrt(np.maximum(1 - sine**2, _LEAST_COSINE**2))
     h = 1 / cosine
     v = (cosine**2 + grass.upright * sine**2) / cosine
@@ -342,7 +346,7 @@ def slants(grass: tables.Grass, sine: ArrayLike) -> FloatArray:
 
 def optical_depth(grass: tables.Grass, frequency: ArrayLike) -> FloatArray:
     """Return the one-way optical depth of H at nadir, nepers of power: ``b·W·f/1.4 GHz``."""
-    return np.asarray(grass.loss * grass.water * np.asarray(frequency, dtype=float) / 1.4e9)
+    return grass.loss * grass.water * floats(frequency) / 1.4e9
 
 
 def through_grass(
@@ -369,14 +373,14 @@ def through_grass(
     slant = slants(grass, sine)[..., None]
     if not grass.grown:
         return np.ones(slant.shape[:-1] + np.shape(frequency))
-    return np.asarray(np.exp(-above * optical_depth(grass, frequency) * slant))
+    return np.exp(-above * optical_depth(grass, frequency) * slant)
 
 
 def albedo(grass: tables.Grass, frequency: ArrayLike) -> FloatArray:
     """Return the single-scattering albedo at frequencies in Hz, at most 1."""
-    f = np.asarray(frequency, dtype=float)
+    f = floats(frequency)
     unlimited = grass.albedo * (f / 1.4e9) ** grass.growth
-    return np.asarray(np.minimum(unlimited, 1.0))
+    return np.minimum(unlimited, 1.0)
 
 
 class GrassField(SurfaceField):

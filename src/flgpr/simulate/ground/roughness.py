@@ -9,7 +9,7 @@ import numpy as np
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.simulate.scene.draw import stream
 from flgpr.simulate.scene.scene import Surface
-from flgpr.types import ArrayLike, Complex128Array, FloatArray
+from flgpr.types import ArrayLike, Complex128Array, FloatArray, floats
 
 UNEVEN_LENGTH = 0.5
 """Outer scale of the uneven ground, m.
@@ -64,9 +64,9 @@ class HeightField:
         """Return the height at points of the lane frame, m, in the shape of ``x`` and ``y``."""
         if self._scale == 0:
             return np.zeros(np.broadcast_shapes(np.shape(x), np.shape(y)))
-        x, y = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
+        x, y = np.broadcast_arrays(floats(x), floats(y))
         point = np.stack([x, y], axis=-1)
-        return np.asarray(self._scale * np.cos(point @ self._waves + self._phase).sum(axis=-1))
+        return self._scale * np.cos(point @ self._waves + self._phase).sum(axis=-1)
 
 
 def uneven_height(unevenness: float, waviness: float = 2.0) -> float:
@@ -157,8 +157,8 @@ def surface_backscatter(
     ValueError
         If ``unevenness`` or ``waviness`` is outside its range.
     """
-    k = 2 * np.pi * np.asarray(frequency, dtype=float) / SPEED_OF_LIGHT
-    theta = np.arcsin(np.asarray(sine, dtype=float))
+    k = 2 * np.pi * floats(frequency) / SPEED_OF_LIGHT
+    theta = np.arcsin(floats(sine))
     eps = np.asarray(permittivity, dtype=complex)
     # Gaussian quadrature over the tilts.
     nodes, weights = np.polynomial.hermite_e.hermegauss(5 if slope > 0 else 1)
@@ -199,7 +199,7 @@ def _spectrum(wavenumber: FloatArray, length: float, hurst: float) -> FloatArray
 
     ``hurst`` = 1/2 is exponential correlation.
     """
-    return np.asarray(2 * hurst * length**2 * (1 + (wavenumber * length) ** 2) ** -(1 + hurst))
+    return 2 * hurst * length**2 * (1 + (wavenumber * length) ** 2) ** -(1 + hurst)
 
 
 def bragg_factors(

@@ -63,7 +63,7 @@ def mironov(frequency: ArrayLike, clay: float, moisture: float) -> Complex128Arr
     bound_moisture = min(moisture, bound_limit)
     free_moisture = max(moisture - bound_limit, 0.0)
     index = dry + (bound - 1) * bound_moisture + (free - 1) * free_moisture
-    return np.asarray(index**2)
+    return index**2
 
 
 def _water_index(
@@ -72,7 +72,7 @@ def _water_index(
     """Return the refractive index n - jk of soil water: a Debye relaxation and ohmic loss."""
     omega = 2 * np.pi * f
     debye = 4.9 + (static - 4.9) / (1 + 1j * omega * relaxation)
-    return np.asarray(np.sqrt(debye - 1j * conductivity / (omega * VACUUM_PERMITTIVITY)))
+    return np.sqrt(debye - 1j * conductivity / (omega * VACUUM_PERMITTIVITY))
 
 
 def topp(moisture: float, loss_tangent: float = 0.05) -> complex:
@@ -147,12 +147,12 @@ def peplinski(
     # The linear adjustment of the paper to 0.3-1.3 GHz.
     real = 1.15 * real - 0.68
     if moisture == 0:
-        return np.asarray(real + 0j)
+        return real + 0j
     debye_loss = omega * relaxation * (80.1 - 4.9) / (1 + (omega * relaxation) ** 2)
     conductivity = peplinski_conductivity(sand, clay, bulk_density)
     ohmic = conductivity * (grain - bulk_density) / (omega * VACUUM_PERMITTIVITY * grain * moisture)
     water_loss = np.maximum(debye_loss + ohmic, 0.0)
-    return np.asarray(real - 1j * (moisture**beta_imag * water_loss**alpha) ** (1 / alpha))
+    return real - 1j * (moisture**beta_imag * water_loss**alpha) ** (1 / alpha)
 
 
 def peplinski_conductivity(sand: float, clay: float, bulk_density: float = 1.5) -> float:

@@ -96,8 +96,9 @@ class SpecularEcho:
         ground = self._ground
         sine = np.sqrt(1 - cosine**2)
         thickness = [layer.thickness for layer in ground.soil.layers]
-        media = [np.ones_like(ground.media[0]), *ground.media]
-        h, v = layered_reflection(sine[:, None], ground.wavenumber, media, thickness)
+        h, v = layered_reflection(
+            sine[:, None], ground.wavenumber, ground.media_from_air, thickness
+        )
         coherent = np.exp(-2 * (ground.wavenumber * self.rms_height * cosine[:, None]) ** 2)
         grown_h, grown_v, _ = through_grass(self._grass, ground.frequency, sine)
         return h * coherent * grown_h, v * coherent * grown_v
@@ -121,7 +122,7 @@ class SpecularEcho:
         h_rx = np.maximum(rx[:, 2] - below, 1e-3)
         share = (h_tx / (h_tx + h_rx))[:, None]
         base[:, :2] = tx[:, :2] + share * (rx - tx)[:, :2]
-        centre = self._ground.frequency[self._ground.frequency.size // 2]
+        centre = self._ground.frequency[self._ground.middle]
         radius = np.sqrt(SPEED_OF_LIGHT / centre * h_tx * h_rx / (h_tx + h_rx))
         places = base[:, None, :2] + radius[:, None, None] * _ZONE
         relief = self._terrain.relief(places.reshape(-1, 2)).reshape(len(base), -1, 3)
@@ -175,4 +176,4 @@ class _Mirrored:
 
 def _dot(one: FloatArray, other: FloatArray) -> FloatArray:
     """Return the products (n,) of vectors (n, 3)."""
-    return np.asarray(np.einsum("nc,nc->n", one, other))
+    return np.einsum("nc,nc->n", one, other)

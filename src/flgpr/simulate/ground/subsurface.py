@@ -206,7 +206,7 @@ def stone_radii(table: Stones, chance: FloatArray) -> FloatArray:
     """Return radii, m, at the given chances: power law ``N(>r) ~ r^-D`` between the bounds."""
     low, high = table.radius
     span = 1 - (low / high) ** table.exponent
-    return np.asarray(low * (1 - chance * span) ** (-1 / table.exponent))
+    return low * (1 - chance * span) ** (-1 / table.exponent)
 
 
 def _draw_places(rng: np.random.Generator, count: int, ix: int, iy: int) -> FloatArray:
@@ -268,17 +268,13 @@ class SubsurfaceLayer:
         inside = view.inside(buried.xy)
         buried = Buried._make(column[inside] for column in buried)
         points = np.zeros((len(buried.xy), 3))
-        offset = view.centre[:2] - buried.xy
-        towards = offset / np.hypot(offset[:, 0], offset[:, 1])[:, None]
+        towards = view.towards(buried.xy)
         points[:, :2] = buried.xy + buried.reach[:, None] * towards
         sine = view.sine(points)
         nearest = np.round(sine * (self._laws.shape[1] - 1)).astype(np.intp)
         law = self._laws[buried.shape, nearest]
         amplitude = _polarized(buried, towards, sine, self._spectra) * law[:, None]
-        weights = self._spectra.weights(buried.shape, buried.depth, sine)
-        extra = self._spectra.delay(buried.depth, sine)
-        coefficient = weights[:, :, None] * amplitude[:, None, :]
-        return PointEchoes(points, extra, coefficient, self._spectra.basis)
+        return self._spectra.point_echoes(points, buried.shape, buried.depth, sine, amplitude)
 
 
 def _polarized(
@@ -303,7 +299,7 @@ def _polarized(
     # The factor has a name: NumPy multiplies a large nameless array in place, by another loop whose
     # last bits differ, and a point's echo would depend on how many points are in view.
     entry = spectra.transmission(buried.depth, sine).astype(np.complex64)
-    return np.asarray(amplitude * entry)
+    return amplitude * entry
 
 
 class HoleLayer:
@@ -327,13 +323,12 @@ class HoleLayer:
         self._holes = holes
         self._wall = wall
         self._spectra = spectra
-        middle = ground.frequency.size // 2
-        self._k = float(ground.wavenumber[middle])
-        self._soil = complex(ground.media[0][middle])
+        self._k = float(ground.wavenumber[ground.middle])
+        self._soil = complex(ground.media[0][ground.middle])
         self._contrast = []
         for hole in holes:
             fill = hole.fill(ground.media[0], ground.frequency)
-            self._contrast.append(fill[middle] - self._soil)
+            self._contrast.append(fill[ground.middle] - self._soil)
         self._xy = np.array([[h.x, h.y] for h in holes]).reshape(-1, 2)
 
     def echoes(self, view: ScanView) -> PointEchoes:
@@ -345,8 +340,7 @@ class HoleLayer:
         depth = np.zeros((count, 6))
         middle = np.zeros((count, 3))
         middle[:, :2] = self._xy[visible]
-        offset = view.centre[:2] - middle[:, :2]
-        towards = offset / np.hypot(offset[:, 0], offset[:, 1])[:, None]
+        towards = view.towards(self._xy[visible])
         sine = view.sine(middle)
         for row, index in enumerate(visible):
             hole = self._holes[index]
@@ -359,13 +353,13 @@ class HoleLayer:
                 # Upper end of the wall, lower end of the wall, cap.
                 depth[row, first + 1] = hole.depth
                 points[row, edges, :2] = middle[row, :2] + side * hole.radius * towards[row]
-        flat_depth = depth.ravel()
-        flat_sine = np.repeat(sine, 6)
-        shape = np.tile([WALL, WALL, CAP], 2 * count)
-        weights = self._spectra.weights(shape, flat_depth, flat_sine)
-        coefficient = (weights[:, :, None] * amplitude.reshape(-1, 1, 3)).astype(np.complex64)
-        extra = self._spectra.delay(flat_depth, flat_sine)
-        return PointEchoes(points.reshape(-1, 3), extra, coefficient, self._spectra.basis)
+        return self._spectra.point_echoes(
+            points.reshape(-1, 3),
+            np.tile([WALL, WALL, CAP], 2 * count),
+            depth.ravel(),
+            np.repeat(sine, 6),
+            amplitude.reshape(-1, 3),
+        )
 
     def _edge_amplitudes(
         self, index: int, sine: float, entry: Complex128Array, side: float
@@ -402,14 +396,13 @@ def subsurface_layers(
     clutter = buried_clutter(scene)
     if not holes and not clutter:
         return []
-    middle = ground.frequency.size // 2
     deepest = max(scene.stones.depth, scene.heterogeneity.depth, scene.lenses.depth[1], 0.4)
 
     cover = None
     if scene.grass.grown:
         cover = partial(through_grass, scene.grass, ground.frequency)
     spectra = BuriedSpectra(ground, spectral_shapes(scene, ground), deepest, cover)
-    field = SubsurfaceField(scene, spectra, float(ground.wavenumber[middle]), density, seed)
+    field = SubsurfaceField(scene, spectra, float(ground.wavenumber[ground.middle]), density, seed)
     layers: list[ScattererLayer] = []
     if clutter:
         layers.append(SubsurfaceLayer(field, spectra, incidence_laws(scene, ground)))

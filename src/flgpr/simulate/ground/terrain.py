@@ -14,8 +14,8 @@ import numpy as np
 from flgpr.jit.compiled import njit
 from flgpr.model import Lane, heading_matrix
 from flgpr.simulate.scene import scene_tables as tables
-from flgpr.simulate.scene.draw import stream
-from flgpr.types import ArrayLike, FloatArray
+from flgpr.simulate.scene.draw import Wander, stream
+from flgpr.types import ArrayLike, FloatArray, floats
 
 _MODES = 96
 # Nodes of the lattice per length of the undulation: linear interpolation errs by 0.3 % of s, rms.
@@ -48,9 +48,7 @@ class TerrainHeights:
         rng = stream(seed, "undulation")
         self._waves = rng.normal(0, math.sqrt(2) / table.undulation_length, (2, _MODES))
         self._phase = rng.uniform(0, 2 * np.pi, _MODES)
-        rng = stream(seed, "ruts")
-        self._rut_waves = 2 * np.pi / table.rut_wander_length * rng.uniform(0.5, 1.5, 3)
-        self._rut_phase = rng.uniform(0, 2 * np.pi, 3)
+        self._ruts = Wander(stream(seed, "ruts"), table.rut_wander, table.rut_wander_length)
 
     def __call__(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Return the height of the ground at points of the lane frame.
@@ -65,10 +63,10 @@ class TerrainHeights:
         ndarray
             Heights, m, in the broadcast shape.
         """
-        x, y = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
+        x, y = np.broadcast_arrays(floats(x), floats(y))
         positions = np.stack([x.ravel(), y.ravel()], axis=1)
         height = self.relief(positions)[:, 0]
-        return np.asarray(height.reshape(x.shape))
+        return height.reshape(x.shape)
 
     def height(self, x: float, y: float) -> float:
         """Return the height of the ground at a place, m."""
@@ -140,11 +138,8 @@ class TerrainHeights:
         first = math.floor(y.min() / step)
         # One node more than needed, for rounding.
         last = math.floor(y.max() / step) + 3
-        amplitude = self.table.rut_wander * math.sqrt(2 / 3)
-        angle = np.arange(first, last)[:, None] * step * self._rut_waves + self._rut_phase
-        across = np.sin(angle).sum(1)
-        slope = (self._rut_waves * np.cos(angle)).sum(1)
-        return first * step, step, amplitude * np.stack([across, slope], axis=1)
+        across_and_slope = self._ruts(np.arange(first, last) * step)
+        return first * step, step, np.stack(across_and_slope, axis=1)
 
     def local_sine(self, points: FloatArray, centre: FloatArray) -> FloatArray:
         """Return the sines of the angles of incidence on the ground under points.
@@ -168,7 +163,7 @@ class TerrainHeights:
         normal_length = np.sqrt(1 + slope_x**2 + slope_y**2)
         along_normal = ray[:, 2] - slope_x * ray[:, 0] - slope_y * ray[:, 1]
         cosine = along_normal / (normal_length * np.linalg.norm(ray, axis=1))
-        return np.asarray(np.sqrt(1 - np.clip(cosine, 0, 1) ** 2))
+        return np.sqrt(1 - np.clip(cosine, 0, 1) ** 2)
 
     def follow(self, pose: FloatArray) -> FloatArray:
         """Return the poses of a vehicle whose four wheels stand on the ground.

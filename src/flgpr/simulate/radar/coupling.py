@@ -49,7 +49,7 @@ def port_directions(array: ArrayState, ray: FloatArray) -> FloatArray:
     on_axis[1] = np.cross(array.horizontal, array.boresight)
     along_axis = np.maximum(1 + ray @ array.boresight, 1e-9)
     share = (ray @ on_axis.T) / along_axis[:, None]
-    return np.asarray(on_axis - share[..., None] * (ray + array.boresight)[:, None])
+    return on_axis - share[..., None] * (ray + array.boresight)[:, None]
 
 
 def beam(array: ArrayState, ray: FloatArray, frequency: FloatArray, side_db: float) -> FloatArray:
@@ -70,7 +70,7 @@ def beam(array: ArrayState, ray: FloatArray, frequency: FloatArray, side_db: flo
         return np.ones((len(ray), frequency.size))
     cosine = np.maximum(ray @ array.boresight, 1e-9)[:, None]
     main = cosine ** (0.5 * array.exponents(frequency))
-    return np.asarray(np.maximum(main, 10 ** (side_db / 20)))
+    return np.maximum(main, 10 ** (side_db / 20))
 
 
 def path_transfer(
@@ -99,7 +99,7 @@ def path_transfer(
     else:
         total = across
         r = np.maximum(r, _LEAST_OF_HORNS)
-    return np.asarray(math.sqrt(4 * math.pi) * total * np.exp(-turn) / r)
+    return math.sqrt(4 * math.pi) * total * np.exp(-turn) / r
 
 
 def direct_wave(array: ArrayState, frequency: FloatArray, side_db: float) -> ComplexArray:

@@ -339,7 +339,7 @@ class AntennaErrors:
             error = error + self.errors.antenna_drift * math.sqrt(2) * drift
         gain_db, phase, delay = (self._level * error)[..., None]
         turned = np.exp(1j * (phase - 2 * np.pi * self.frequency * delay))
-        return np.asarray(self._fixed_transfer * 10 ** (gain_db / 20) * turned)
+        return self._fixed_transfer * 10 ** (gain_db / 20) * turned
 
     def _mix(self, signal: ComplexArray) -> ComplexArray:
         """Return the channels with the leakages of every antenna between its polarizations."""

@@ -57,6 +57,11 @@ class ArrayState:
         return np.maximum(self.growth * frequency**2 - 1, 0)
 
     @property
+    def channels(self) -> int:
+        """Number of sums of a pair: HH, HV, VH and VV of dipoles, else HH, VV and cross."""
+        return 4 if self.dipoles else 3
+
+    @property
     def dipoles(self) -> bool:
         """Whether the antennas are dipoles, which mix the directions H and V of each ray."""
         return self.exponent < 0
@@ -318,8 +323,7 @@ class Spreader:
         exponents = np.full(len(functions), array.exponent)
         if nodes is not None:
             exponents = array.exponents(nodes)
-        channels = 4 if array.dipoles else 3
-        total = np.zeros((channels, array.tx.size, self.count), np.complex64)
+        total = np.zeros((array.channels, array.tx.size, self.count), np.complex64)
         for chosen in self._groups_of_equal_rate(points, array):
             echoes = self._sum(points, values, functions, array, extra, exponents, chosen)
             total += echoes * self._sweep_phase(points[chosen], array)
@@ -378,8 +382,7 @@ class Spreader:
     ) -> ComplexArray:
         """Return the sum over the chosen points, without the phase of a sweep in motion."""
         ranks = len(functions)
-        kinds = 4 if array.dipoles else 3
-        lanes = -(-kinds * ranks // _LANES) * _LANES
+        lanes = -(-array.channels * ranks // _LANES) * _LANES
         spread = _spreading(lanes, array.dipoles)
         beams = np.empty((0, 0), np.float32) if array.dipoles else _beam_table(exponents, lanes)
         profile = np.zeros((array.tx.size, self.bins + WIDTH, 2 * lanes), np.float32)
@@ -421,7 +424,7 @@ class Spreader:
                 self._table,
                 profile,
             )
-        return self._to_tones(profile, kinds, functions)
+        return self._to_tones(profile, array.channels, functions)
 
     def _to_tones(self, profile: Float32Array, kinds: int, functions: AnyArray) -> ComplexArray:
         """Return the spectra (kind, pair, frequency) of profiles (pair, bin, 2·lane).
@@ -467,7 +470,7 @@ def _fold(taps, out, profile, begin, end):  # type: ignore[no-untyped-def]
 def _path_rates(points: FloatArray, antenna: FloatArray, drift: FloatArray) -> FloatArray:
     """Return how much longer paths to points (point, 3) get as an antenna moves by a drift, m."""
     ray = points - antenna
-    return np.asarray(-(ray @ drift) / np.linalg.norm(ray, axis=1))
+    return -(ray @ drift) / np.linalg.norm(ray, axis=1)
 
 
 def _beam_table(exponents: FloatArray, lanes: int) -> Float32Array:

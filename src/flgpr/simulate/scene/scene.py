@@ -153,7 +153,7 @@ class Soil(SceneTable):
             eps = soils.fixed(f, self.permittivity, 0.0, self.conductivity)
         if self.loss_tangent is not None:
             eps = eps.real * (1 - 1j * self.loss_tangent)
-        return np.asarray(eps)
+        return eps
 
 
 class Surface(SceneTable):
@@ -490,6 +490,12 @@ class Scene(SceneTable):
     def change(self) -> Drive:
         """What has changed since the first drive."""
         return Drive() if self.drive == 1 else self.drives[self.drive - 2]
+
+    @property
+    def track_ends(self) -> tuple[float, float]:
+        """First and last position along the lane at which scans are drawn, m."""
+        start = -20.0 if self.track.start is None else self.track.start
+        return start, self.length - 5.0 if self.track.stop is None else self.track.stop
 
     @property
     def lane(self) -> Lane:

@@ -19,7 +19,7 @@ from flgpr.model import (
     empty_table,
 )
 from flgpr.simulate.ground.holes import Hole, draw_holes, hole_patches
-from flgpr.simulate.scene.draw import stream
+from flgpr.simulate.scene.draw import Wander, stream
 from flgpr.simulate.scene.scene import Departure, Patch, Scene, SceneObject, Target, TargetDraw
 from flgpr.types import FloatArray, floats
 
@@ -216,37 +216,22 @@ def _draw_rocks(scene: Scene, seed: int) -> list[SceneObject]:
 def _draw_roadside(scene: Scene, seed: int) -> list[SceneObject]:
     """Draw the bushes and then the posts on both sides of the lane."""
     rng = stream(seed, "roadside")
-    span = scene.length + 2 * MARGIN
-    bush_count = rng.poisson(scene.clutter.bushes * span)
-    bushes = [_draw_bush(scene, rng) for _ in range(bush_count)]
-    post_count = rng.poisson(scene.clutter.posts * span)
-    posts = [_draw_post(scene, rng) for _ in range(post_count)]
-    return bushes + posts
-
-
-def _roadside_position(scene: Scene, rng: np.random.Generator) -> tuple[float, float]:
-    """Draw a position at the roadside, m."""
     nearest, farthest = scene.clutter.roadside
-    x = rng.uniform(nearest, farthest) * rng.choice([-1, 1])
-    y = rng.uniform(-MARGIN, scene.length + MARGIN)
-    return x, y
-
-
-def _draw_bush(scene: Scene, rng: np.random.Generator) -> SceneObject:
-    """Draw a bush at the roadside."""
-    x, y = _roadside_position(scene, rng)
-    radius = rng.uniform(0.2, 0.7)
-    height = rng.uniform(0.3, 1.0)
-    level = rng.uniform(-20, -3)
-    return SceneObject(kind="bush", x=x, y=y, radius=radius, height=height, rcs_db=level)
-
-
-def _draw_post(scene: Scene, rng: np.random.Generator) -> SceneObject:
-    """Draw a post at the roadside."""
-    x, y = _roadside_position(scene, rng)
-    radius = rng.uniform(0.02, 0.06)
-    height = rng.uniform(0.3, 1.0)
-    return SceneObject(kind="post", x=x, y=y, radius=radius, height=height)
+    drawn = []
+    for kind, density in (("bush", scene.clutter.bushes), ("post", scene.clutter.posts)):
+        for _ in range(rng.poisson(density * (scene.length + 2 * MARGIN))):
+            # In this order: the random numbers fix the world of a seed.
+            entries: dict[str, Any] = {
+                "kind": kind,
+                "x": rng.uniform(nearest, farthest) * rng.choice([-1, 1]),
+                "y": rng.uniform(-MARGIN, scene.length + MARGIN),
+                "radius": rng.uniform(0.2, 0.7) if kind == "bush" else rng.uniform(0.02, 0.06),
+                "height": rng.uniform(0.3, 1.0),
+            }
+            if kind == "bush":
+                entries["rcs_db"] = rng.uniform(-20, -3)
+            drawn.append(SceneObject(**entries))
+    return drawn
 
 
 def _draw_patches(scene: Scene, seed: int) -> list[Patch]:
@@ -322,13 +307,8 @@ def draw_track(scene: Scene, height: float, seed: int) -> tuple[FloatArray, Floa
     pose = np.zeros((y.size, 6))
     pose[:, 1] = y
     if track.wander > 0:
-        # Three waves of random length and phase; the heading follows their slope.
-        wave = 2 * np.pi / track.wander_length * rng.uniform(0.5, 1.5, 3)
-        phase = rng.uniform(0, 2 * np.pi, 3)
-        amplitude = track.wander * np.sqrt(2 / 3)
-        angle = np.outer(y, wave) + phase
-        pose[:, 0] = amplitude * np.sin(angle).sum(axis=1)
-        pose[:, 3] = np.arctan(amplitude * (wave * np.cos(angle)).sum(axis=1))
+        pose[:, 0], slope = Wander(rng, track.wander, track.wander_length)(y)
+        pose[:, 3] = np.arctan(slope)
     pose[:, 0] += (scene.x_min + scene.x_max) / 2 + scene.change.beside
     # In this order: the random numbers fix the track of a seed.
     pose[:, 2] = height + scene.change.higher + rng.normal(0, track.bounce, y.size)
@@ -340,10 +320,9 @@ def _positions(scene: Scene, rng: np.random.Generator) -> tuple[FloatArray, Floa
     """Return positions along the lane, m, and times, s, of all scans."""
     track = scene.track
     if track.positions is not None:
-        exact = np.asarray(track.positions, dtype=float)
+        exact = floats(track.positions)
         return exact, np.arange(exact.size, dtype=np.float64)
-    start = -20.0 if track.start is None else track.start
-    end = scene.length - 5.0 if track.stop is None else track.stop
+    start, end = scene.track_ends
     stops = sorted(track.stops)
     y = []
     seconds = []
@@ -368,7 +347,7 @@ def _positions(scene: Scene, rng: np.random.Generator) -> tuple[FloatArray, Floa
         clock += stride / _SPEED
     if not y:
         raise ValueError(
-            f"track must hold at least one scan, got none from {position:g} m to {end:g} m"
+            f"track must hold at least one scan, got none from {start:g} m to {end:g} m"
         )
     return floats(y), floats(seconds)
 

@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 
 from flgpr.model.bounds import Entries
 from flgpr.model.faults import load_preset, preset_names
-from flgpr.types import ArrayLike, BoolArray, Complex128Array
+from flgpr.types import ArrayLike, BoolArray, Complex128Array, floats
 
 _PRESETS = resources.files("flgpr.simulate.bodies.signature") / "bodies"
 Length = Annotated[float, Field(gt=0.001, le=1.0)]
@@ -93,7 +93,7 @@ class Body(Entries):
         drop : array_like
             Drop below the top, m, broadcast with it.
         """
-        return np.asarray(self.permittivity(half_width, drop, -1.0) != -1.0)
+        return self.permittivity(half_width, drop, -1.0) != -1.0
 
     def permittivity(
         self, half_width: ArrayLike, drop: ArrayLike, soil: complex
@@ -107,9 +107,7 @@ class Body(Entries):
         soil : complex
             Permittivity of the soil.
         """
-        r, d = np.broadcast_arrays(
-            np.asarray(half_width, dtype=float), np.asarray(drop, dtype=float)
-        )
+        r, d = np.broadcast_arrays(floats(half_width), floats(drop))
         out = np.full(r.shape, soil, complex)
         edges = self.drops()
         for layer, (top, bottom) in zip(self.layers, itertools.pairwise(edges), strict=True):

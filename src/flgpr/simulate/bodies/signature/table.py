@@ -116,7 +116,7 @@ class SignatureTable:
         # sqrt(ε(1 - j·tan δ)) ≈ sqrt(ε)·(1 - j·tan δ/2)
         excess = np.interp(FREQUENCY, frequency, _excess_loss(permittivity))
         imaginary_step = -0.5j * index * excess
-        return np.asarray(weight + imaginary_step[:, None] * slope)
+        return weight + imaginary_step[:, None] * slope
 
     def _terms(self, depth: float, down: FloatArray) -> list[tuple[Any, float]]:
         """Return the body's own echo and what the surface adds to it at a depth.
