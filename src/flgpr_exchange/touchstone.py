@@ -17,7 +17,7 @@ import numpy as np
 from flgpr.formats.array_file import ArrayFile, from_memory
 from flgpr.formats.reader import Reader
 from flgpr.store.extras import optional
-from flgpr.store.text import read_text
+from flgpr.store.text import text_of
 from flgpr.types import Notes
 
 _NOISE = 5  # numbers of a line of noise parameters
@@ -53,7 +53,7 @@ def touchstone_text(path: Path, notes: Notes) -> TouchstoneText:
     ValueError
         If the numbers make no whole number of tones, or the ending names no number of ports.
     """
-    text = read_text(path, notes)
+    text = text_of(path, notes)
     keywords = {
         name.lower(): value
         for name, value in re.findall(r"^\s*\[(.*?)\][ \t]*(\S*)", text, re.MULTILINE)

@@ -238,6 +238,7 @@ OF_THE_SHELL = re.compile(rf"(?<![\w-])--[a-z]|\bflgpr (?:{'|'.join(flgpr.__all_
 """Options, and commands that have a verb in Python: a message has `name` and `flgpr.verb` for them."""
 ONLY_IN_THE_SHELL = {
     "flgpr/commands/design.py": "--json, of which Python has no twin: it is checked before the function is called",
+    "flgpr/commands/live.py": "--view and --no-browser, of which Python has no twins: a page is the shell's",
 }
 
 

@@ -27,7 +27,7 @@ from flgpr.model.faults import faults_of
 from flgpr.model.frames import wrapped
 from flgpr.model.track import TRACK_COLUMNS, bridged, course, make_track
 from flgpr.store.files import existing
-from flgpr.store.text import read_text
+from flgpr.store.text import text_of
 from flgpr.store.text_tables import read_text_table
 from flgpr.types import AnyArray, FloatArray, Notes, floats
 
@@ -271,7 +271,7 @@ def read_nmea(
 
 def _read_log(path: Path, quality: tuple[int, ...], notes: Notes) -> _NmeaLog:
     """Read the GGA of some qualities and the headings of a log; count what is not used."""
-    text = read_text(path, notes)
+    text = text_of(path, notes)
     counts = SentenceCounts()
     fixes: list[tuple[float, Position]] = []
     qualities: Counter[int] = Counter()

@@ -62,7 +62,7 @@ def decode_text(data: bytes, name: str, notes: list[str] | None = None) -> str:
     return text
 
 
-def read_text(path: Path, notes: list[str]) -> str:
+def text_of(path: Path, notes: list[str]) -> str:
     """Read a text file that a user named, of up to MAX_MEMORY bytes, by :func:`decode_text`."""
     return decode_text(read_named(path, MAX_MEMORY), path.name, notes)
 

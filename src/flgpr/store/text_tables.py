@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from flgpr.budget import Budget
-from flgpr.store.text import read_text
+from flgpr.store.text import text_of
 from flgpr.store.writing import plain_text
 from flgpr.types import AnyArray, Arrays
 
@@ -98,7 +98,7 @@ def text_columns(path: Path) -> dict[str, list[str]]:
 
 def _blocks(path: Path, notes: list[str]) -> list[tuple[str, list[_Line]]]:
     """Return the lines of a text by the blocks of BEGIN and END; a single one if there is none."""
-    text = read_text(path, notes)
+    text = text_of(path, notes)
     if "\x00" in text:
         raise ValueError("it holds zero bytes and is no text")
     # Every line and every mark between cells becomes a text of its own.

@@ -11,11 +11,11 @@ from typer import Argument, Option
 from flgpr.commands.options import PathLike, Paths, Progress, Scheduler, output_option
 from flgpr.commands.runs import run_options
 from flgpr.commands.shell import Arguments, command
-from flgpr.types import Entries
 from flgpr_ground.commands.benchmark import Chosen, Quick, Tier, Workers
 
 if TYPE_CHECKING:
     from flgpr.proving_ground import Submission
+    from flgpr.types import Entries
 
 Submissions = Annotated[
     Paths, Argument(help="Folders of submissions: submission.toml, and SPLIT/LANE/alarms.csv.")
