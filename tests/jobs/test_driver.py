@@ -218,7 +218,7 @@ def test_early_merged_blocks_are_not_done_again(bare_job, work):
 
 def test_the_result_is_written_under_a_label_of_its_own(bare_job, work):
     executor, notes, labels = Noting(work), [], []
-    runner_of(executor, notes, labels).finish(bare_job, "section-01: ")
+    runner_of(executor, notes, labels, "section-01: ").finish(bare_job)
     assert executor.asked == [(do_finish,)]
     assert labels == [("section-01: writing the result", 1)]
     assert len(notes) == 1

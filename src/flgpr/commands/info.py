@@ -134,11 +134,7 @@ def _explain(paths: list[Path], mapping: Path | None) -> Any:
 def info_lines(report: Entries) -> list[str]:
     """Return the text about a run, for the dict of :func:`flgpr.commands.run_report.run_info`."""
     is_on_vehicle = report["height_m"] <= _AIRBORNE
-    title = printable(str(report["title"]))
-    source = report["source"]
-    if source:
-        title += f" ({printable(str(source))})"
-    lines = [title, _scan_line(report), _sweep_line(report), _tone_line(report)]
+    lines = [_title(report), _scan_line(report), _sweep_line(report), _tone_line(report)]
     if report["unambiguous_path_m"]:
         lines.append(
             f"  range          resolution {report['range_resolution_m']:.3f} m, "
@@ -159,6 +155,13 @@ def info_lines(report: Entries) -> list[str]:
     if is_on_vehicle:
         lines += ["", *_coverage_map(report)]
     return lines
+
+
+def _title(report: Entries) -> str:
+    """Return the title of a run, and its source if that is known."""
+    source = report["source"]
+    title = printable(str(report["title"]))
+    return f"{title} ({printable(str(source))})" if source else title
 
 
 def _scan_line(report: Entries) -> str:

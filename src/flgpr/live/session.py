@@ -104,7 +104,7 @@ _REHEARSED = 3  # scans of each earlier drive before the first scan of today, th
 _MOST_LATENCIES = 10_000  # of which percentiles are reported
 # Counts of what is as it should be; the others are faults.
 _NO_FAULT = ("received", "taken", "warm_up")
-_ANOTHER_END = "a sender of another run, or of none, ended: this run goes on"
+_ANOTHER_END = "a sender of another run ended: this run goes on"
 # By whether no earlier drive covers the road.
 _COVER = {
     True: "no earlier drive lies near from here on: nothing is subtracted, what is old stands out, too",
@@ -360,9 +360,12 @@ class LiveRun:
             events.append([problem_event(arrival.name, str(error))])
 
     def _is_of_another(self, arrival: Arrival) -> bool:
-        """Return whether the end comes from a sender that did not describe this run."""
+        """Return whether the end comes from a sender that described another run than this one.
+
+        After a restart a sender need not describe its run again.
+        """
         described = "" if self._intake is None else self._intake.description.run_id
-        return arrival.name == SOCKET and arrival.value != described
+        return arrival.name == SOCKET and arrival.value not in ("", described)
 
     def _describe(
         self, description: RunDescription, events: EventFile, snapshot: Snapshot | None
