@@ -72,7 +72,7 @@ class FrameStream:
             _LARGEST_DESCRIPTION  # as ``largest``, by the description that the sender sent
         )
         self._buffer = bytearray()
-        self._run_id = ""  # of the run that the sender described last
+        self._run_id = ""  # of the run that the sender described or sent a scan of last
         self._usual = 0  # bytes of the largest good frame so far
         # whether we are between a bad frame, which was reported, and the next beginning
         self._lost = False
@@ -123,6 +123,7 @@ class FrameStream:
             return Arrival("run", SOCKET, now, value=description), size
         if frame.kind == "end":
             return Arrival("end", SOCKET, now, value=self._run_id), size
+        self._run_id = str(frame.header.get("run", ""))
         return Arrival("frame", SOCKET, now, data), size
 
     def _checked_size(self) -> int:
