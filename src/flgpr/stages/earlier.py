@@ -341,8 +341,7 @@ class EarlierRuns(ClutterStage):
             places, then = own[end].values, first.imager.run[end].values
             if places.shape != then.shape or not np.allclose(places, then, atol=_SAME_PLACE):
                 return None
-        known: ComplexArray = self.setup.results.get(first.result, {"field": first.median})["field"]
-        return known
+        return first.standing
 
     def is_alone(self, pose: FloatArray) -> bool:
         """Return whether no earlier scan lies near a pose (6,)."""

@@ -268,8 +268,7 @@ class EarlierDrive:
 
     def cleaned(self, scan: int) -> ComplexArray:
         """Return the data (polarization, pair, frequency) of a scan without what stood still."""
-        field = self._results.get(self.result, {}).get("field")
-        return subtract_standing(self.imager.signal(scan), self.median if field is None else field)
+        return subtract_standing(self.imager.signal(scan), self.standing)
 
     def ground(self, scan: int) -> ComplexArray:
         """Return the ground (polarization, 1, y, x) that explains the data of a scan."""
@@ -277,6 +276,12 @@ class EarlierDrive:
         return self._kept.of(
             key, lambda: self._model.fit(self.imager, self.pose(scan), self.cleaned(scan))
         )
+
+    @property
+    def standing(self) -> ComplexArray:
+        """What stood still on the vehicle, as a pass tells; the median of the data until then."""
+        known: ComplexArray | None = self._results.get(self.result, {}).get("field")
+        return self.median if known is None else known
 
     @cached_property
     def median(self) -> ComplexArray:
