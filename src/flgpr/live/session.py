@@ -74,7 +74,7 @@ from flgpr.model import Lane, complete_scans
 from flgpr.model.vehicle import Vehicle
 from flgpr.recipe.make import fit_recipe, with_earlier
 from flgpr.recipe.schema import Recipe, parse_recipe, recipe_text
-from flgpr.stages.earlier import BEFORE, before_names, check_earlier
+from flgpr.stages.earlier import BEFORE, LEAST_SCANS, before_names, check_earlier
 from flgpr.store import (
     RunDescription,
     Scan,
@@ -100,7 +100,6 @@ _TICK = 0.1  # s between checks of the clock while nothing comes
 REPORT_FILE = "live.json"
 RECIPE_FILE = "recipe.toml"  # of a run without a given recipe
 LIVE_RECORDING = "live.mcap"  # made of the events when the run has ended, where it is asked for
-_REHEARSED = 3  # scans of each earlier drive before the first scan of today, the least that tell
 _MOST_LATENCIES = 10_000  # of which percentiles are reported
 # Counts of what is as it should be; the others are faults.
 _NO_FAULT = ("received", "taken", "warm_up")
@@ -360,7 +359,7 @@ class LiveRun:
             events.append([problem_event(arrival.name, str(error))])
 
     def _is_of_another(self, arrival: Arrival) -> bool:
-        """Return whether the end comes from a sender that described another run than this one.
+        """Return whether the end comes from a sender that described another run, or sent its scans.
 
         After a restart a sender need not describe its run again.
         """
@@ -621,7 +620,7 @@ def rehearse(
     settings = LiveSettings(looks=1, warm_up=3)
     # What earlier drives tell is estimated from all of their scans for the detector itself.
     few = {
-        name: run.isel(scan=np.flatnonzero(complete_scans(run))[:_REHEARSED])
+        name: run.isel(scan=np.flatnonzero(complete_scans(run))[:LEAST_SCANS])
         for name, run in (others or {}).items()
     }
     detector = LiveDetector(description, recipe, None, model, settings, few)

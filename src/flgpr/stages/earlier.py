@@ -40,15 +40,16 @@ BEFORE = "before"
 """Name of an earlier run in ``others``; of several runs each has it with a number, ``before-2``."""
 
 
-_LEAST_SCANS = 3  # of an earlier drive: the median of fewer holds as much ground as vehicle
+LEAST_SCANS = 3
+"""Complete scans of an earlier drive: the median of fewer holds as much ground as vehicle."""
 
 
 def check_earlier(run: xr.Dataset, what: object) -> None:
     """Refuse an earlier run, called ``what``, with too few scans to tell what stood still."""
     complete = int(complete_scans(run).sum())
-    if complete < _LEAST_SCANS:
+    if complete < LEAST_SCANS:
         raise ValueError(
-            f"{what}: an earlier run must have {_LEAST_SCANS} complete scans or more, got {complete}"
+            f"{what}: an earlier run must have {LEAST_SCANS} complete scans or more, got {complete}"
         )
 
 
@@ -184,7 +185,7 @@ class EarlierRuns(ClutterStage):
                 scans,
                 _REFINING,
                 partial(self._without_ground_of_today, drive),
-                least=_LEAST_SCANS,
+                least=LEAST_SCANS,
             )
             for drive in self._drives
         ]
