@@ -183,7 +183,7 @@ def test_an_array_that_is_not_the_runs_is_refused(run):
     data, file = run
     with pytest.raises(
         ValueError,
-        match=r"map\.sensor must describe the run's array, got 'sri-array' with other tx",
+        match=r"map\.sensor must describe the run's array, got 'sri-array', which has other antennas",
     ):
         gathered(stage_of((data, "sri-array")))
     other = file.with_name("other.toml")

@@ -20,6 +20,7 @@ OWN_ARRAY = "run"
 _APART = 100.0  # m between simulated bodies: a scan sees no farther
 _TILT = math.radians(4)  # rms in each axis, as mines are laid
 _SEED = 2026
+_SAME_PLACE = 0.01  # m, by which antennas lie apart at most where they are the same
 _STONES = (0.04, 0.12)  # m, radii of stones: smaller ones are seldom seen
 
 
@@ -213,17 +214,21 @@ def sensor_of(setup: Setup, name: str, antennas: str = "") -> Sensor:
 
 
 def _check_array(setup: Setup, sensor: Sensor, name: str) -> None:
-    """Refuse a sensor with other antennas or tones than the run."""
-    for end, ours in zip(("tx", "rx"), sensor.pairs(), strict=True):
-        theirs = setup.run[f"{end}_position"].values
-        if theirs.shape != np.shape(ours) or not np.allclose(theirs, ours, atol=0.01):
-            raise ValueError(
-                f"map.sensor must describe the run's array, got {name!r} with other {end} antennas"
-            )
-    tones = sensor.tones.axis()
-    if not np.array_equal(np.round(tones), np.round(setup.run["frequency"].values)):
+    """Refuse a sensor without an antenna pair or a tone of the run, which may have lost some of its own."""
+    ours = np.concatenate(sensor.pairs(), axis=1)
+    theirs = np.concatenate([setup.run[f"{end}_position"].values for end in ("tx", "rx")], axis=1)
+    apart = np.abs(theirs[:, None] - ours).max(axis=-1)
+    strange = int((apart.min(axis=1) > _SAME_PLACE).sum())
+    if strange:
         raise ValueError(
-            f"map.sensor must have the run's tones, got {name!r} with {len(tones)} others"
+            f"map.sensor must describe the run's array, got {name!r}, which has other antennas than "
+            f"{strange} of {len(theirs)} pairs"
+        )
+    tones = np.round(setup.run["frequency"].values)
+    strange = int((~np.isin(tones, np.round(sensor.tones.axis()))).sum())
+    if strange:
+        raise ValueError(
+            f"map.sensor must have the run's tones, got {name!r}, which lacks {strange} of {len(tones)}"
         )
 
 
