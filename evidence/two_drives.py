@@ -1,13 +1,14 @@
-"""What an earlier drive over the same road is worth: mines laid since, found with it and without.
+"""What earlier drives over the same road are worth: mines laid since, found with them and without.
 
 ``python evidence/two_drives.py OUT [--conditions NAME ...]`` simulates the drives that ``two_drives.toml`` declares,
-runs the detectors on the second ones and prints how many of the mines laid between them each finds. What is there is
-kept.
+runs the detectors on the last ones and prints how many of the mines laid since the one before each finds. What is there
+is kept.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import shutil
 import tomllib
@@ -26,6 +27,7 @@ from flgpr.live.options import LiveOptions
 from flgpr.live.session import LiveRun
 from flgpr.model import Lane, Sensor, load_sensor
 from flgpr.recipe.make import with_earlier
+from flgpr.recipe.tables import ALL
 from flgpr.scoring import match, side_by_side
 from flgpr.simulate import Scene, draw_world
 from flgpr.store import lane_text, read_table
@@ -39,7 +41,7 @@ x = [-2.5, 2.5]
 y = [7.0, 16.0]
 spacing = 0.05
 window = "hann"
-polarizations = ["{channel}"]
+polarizations = {imaged}
 
 [image.subbands]
 band = {band}
@@ -63,12 +65,15 @@ radius = 0.5
 density = 0.75
 
 [contrast]
-polarization = "{channel}"
+polarization = "{contrast}"
 subband = "band"
 size = 25
 spacing = 0.1
 inner = [5, 3]
 guard = [9, 7]
+
+[[columns]]
+stage = "rx"
 
 [score]
 halo = 0.5
@@ -84,9 +89,11 @@ def roads() -> Iterator[tuple[str, str, int]]:
 
 
 def scene_of(site: str, change: dict[str, float]) -> Scene:
-    """Return the scene of a site whose second drive has changed."""
-    tables = DECLARED["scene"] | {"site": site, "name": "road", "drives": [change]}
-    return Scene.model_validate(tables)
+    """Return the scene of a site that has changed at its third drive."""
+    drives = [DECLARED["first"], change]
+    return Scene.model_validate(
+        DECLARED["scene"] | {"site": site, "name": "road", "drives": drives}
+    )
 
 
 def sensor() -> Sensor:
@@ -108,34 +115,54 @@ def driven(folder: Path, scene: Scene, seed: int) -> Path:
 
 
 def alarms_of(out: Path, road: tuple[str, str, int], condition: str) -> dict[str, pd.DataFrame]:
-    """Return the alarms of every detector on the second drive over a road."""
+    """Return the alarms of every detector on the third drive over a road."""
     name, site, seed = road
     scene = scene_of(site, DECLARED["conditions"][condition])
     home = out / name / condition.replace(" ", "-")
     found = {}
-    for number, (detector, entries) in enumerate(DECLARED["detectors"].items()):
-        listed = home / f"alarms-{number}.csv"
-        if not listed.is_file():
-            before = driven(out / name / "first", scene_of(site, {}), seed)
-            if condition in DECLARED["control"]:
-                other = DECLARED["control"][condition]
-                then = scene_of(site, DECLARED["conditions"][other]).at_drive(2)
-                before = driven(out / name / other.replace(" ", "-"), then, seed)
-            run = driven(home, scene.at_drive(2), seed)
-            text = RECIPE.format(**entries)
-            recipe = home / f"recipe-{number}.toml"
-            if entries["earlier"]:
-                text = f"{with_earlier(text)}{entries['earlier']}\n"
-            recipe.write_text(text, "utf-8")
-            earlier = [before] if entries["earlier"] else []
-            result = home / f"result-{number}"
-            if entries.get("live"):
-                detect_live(run, recipe, earlier, lane_of(scene), result)
-            else:
-                detect(run, recipe=recipe, output=result, report=False, before=earlier)
-            shutil.copy(result / "alarms.csv", listed)
-        found[detector] = read_table(listed, "alarms").assign(lane=name)
+    for detector, entries in DECLARED["detectors"].items():
+        detected = entries.get("of", detector)
+        result = home / f"result-{detected.replace(', ', '-').replace(' ', '-')}"
+        if not (result / "alarms.csv").is_file():
+            run = driven(home, scene.at_drive(3), seed)
+            before = earlier_drives(out, road, condition)[: entries["drives"] - 1]
+            detect_as(DECLARED["detectors"][detected], run, before, lane_of(scene), result)
+        alarms = read_table(result / "alarms.csv", "alarms").assign(lane=name)
+        if detected != detector:
+            alarms["confidence"] = pd.read_csv(result / "features.csv")[entries["rank"]]
+        found[detector] = alarms.sort_values("confidence", ascending=False, ignore_index=True)
     return found
+
+
+def earlier_drives(out: Path, road: tuple[str, str, int], condition: str) -> list[Path]:
+    """Return the runs of the earlier drives over a road, the latest first."""
+    name, site, seed = road
+    nothing = scene_of(site, DECLARED["first"])
+    earlier = [
+        driven(out / name / f"drive-{drive}", nothing.at_drive(drive), seed) for drive in (2, 1)
+    ]
+    other = DECLARED["control"].get(condition)
+    if other:
+        then = scene_of(site, DECLARED["conditions"][other])
+        earlier[0] = driven(out / name / other.replace(" ", "-"), then.at_drive(3), seed)
+    return earlier
+
+
+def detect_as(
+    entries: dict[str, Any], run: Path, before: list[Path], lane: Lane, result: Path
+) -> None:
+    """Run a detector on a drive, with what it is given of earlier ones."""
+    in_all = entries["contrast"] == ALL
+    imaged = json.dumps(DECLARED["polarization"] if in_all else [entries["channel"]])
+    text = RECIPE.format(**entries, imaged=imaged)
+    if before:
+        text = f"{with_earlier(text)}{entries['earlier']}\n"
+    recipe = result.with_suffix(".toml")
+    recipe.write_text(text, "utf-8")
+    if entries.get("live"):
+        detect_live(run, recipe, before, lane, result)
+    else:
+        detect(run, recipe=recipe, output=result, report=False, before=before)
 
 
 def detect_live(run: Path, recipe: Path, before: list[Path], lane: Lane, output: Path) -> None:
@@ -162,11 +189,11 @@ def rows_of(out: Path, condition: str) -> Iterator[list[object]]:
     for road in roads():
         for detector, alarms in alarms_of(out, road, condition).items():
             lists[detector].append(alarms)
-        scene = scene_of(road[1], DECLARED["conditions"][condition]).at_drive(2)
+        scene = scene_of(road[1], DECLARED["conditions"][condition]).at_drive(3)
         world = draw_world(scene, road[2])
         truths.append(world.truth().assign(lane=road[0]))
         dug = [hole for hole in world.holes if hole.target is None]
-        of_before = draw_world(scene_of(road[1], {}), road[2]).holes
+        of_before = draw_world(scene_of(road[1], DECLARED["first"]), road[2]).holes
         old = {(hole.x, hole.y) for hole in of_before}
         decoys += [(road[0], hole.x, hole.y) for hole in dug if (hole.x, hole.y) not in old]
         lanes[road[0]] = lane_of(scene)
@@ -176,7 +203,7 @@ def rows_of(out: Path, condition: str) -> Iterator[list[object]]:
         alarms = pd.concat(lists[detector], ignore_index=True)
         old_mines = truth[truth["laid"] == 1]
         kept = alarms[~near(alarms, old_mines, DECLARED["halo"])]
-        laid = truth[truth["laid"] == 2].reset_index(drop=True)
+        laid = truth[truth["laid"] == 3].reset_index(drop=True)
         matches[detector] = match(kept.reset_index(drop=True), laid, lanes, DECLARED["halo"])
     compared = side_by_side(matches, DECLARED["fars"], means=False)
     points = compared.points.set_index(["detector", "far_allowed"])
@@ -188,7 +215,7 @@ def rows_of(out: Path, condition: str) -> Iterator[list[object]]:
         places = pd.DataFrame(decoys, columns=["lane", "x", "y"])
         yield [
             *row,
-            against(compared.pairs, detectors, detector),
+            against(compared.pairs, detector),
             raised(matches[detector], places),
         ]
 
@@ -202,14 +229,17 @@ def near(alarms: pd.DataFrame, places: pd.DataFrame, halo: float) -> np.ndarray:
     return found
 
 
-def against(pairs: pd.DataFrame, detectors: list[str], detector: str) -> str:
-    """Return p of the last detector against an other at 0.02 per m², and what each alone finds."""
-    if detector == detectors[-1]:
+def against(pairs: pd.DataFrame, detector: str) -> str:
+    """Return what a detector and its rival each find alone at 0.02 per m², and McNemar's p."""
+    rival = DECLARED["detectors"][detector].get("against")
+    if rival not in DECLARED["detectors"]:
         return ""
     of_pair = pairs[pairs["far_allowed"] == 0.02]
-    both = of_pair[["first", "second"]].apply(set, axis=1) == {detector, detectors[-1]}
+    both = of_pair[["first", "second"]].apply(set, axis=1) == {detector, rival}
     pair = of_pair[both].iloc[0]
-    return f"+{pair['only_first']} -{pair['only_second']}, p = {pair['p']:.2g}"
+    alone = [pair["only_first"], pair["only_second"]]
+    own, its = alone if pair["first"] == detector else alone[::-1]
+    return f"{rival}: +{own} -{its}, p = {pair['p']:.2g}"
 
 
 def raised(matched: Any, decoys: pd.DataFrame) -> str:
@@ -233,8 +263,8 @@ def main() -> None:
     given = parser.parse_args()
     if given.detectors:
         DECLARED["detectors"] = {name: DECLARED["detectors"][name] for name in given.detectors}
-    heads = ["second drive", "detector", *(f"at {far:g} per m²" for far in DECLARED["fars"])]
-    heads += ["against two drives at 0.02", "decoys raised"]
+    heads = ["today", "detector", *(f"at {far:g} per m²" for far in DECLARED["fars"])]
+    heads += ["against, at 0.02", "decoys raised"]
     for condition in given.conditions:
         print(markdown(heads, list(rows_of(given.out, condition))), flush=True)
 

@@ -23,26 +23,25 @@ def _increasing(limits: tuple[float, float]) -> tuple[float, float]:
     return limits
 
 
-def _known_window(name: str) -> str:
-    """Return the name of a window that there is; refuse others."""
-    if name not in (*WINDOWS, "ramp"):
-        raise ValueError(f"must be one of {', '.join(WINDOWS)}, ramp, got {name!r}")
-    return name
+def _one_of(*names: str) -> AfterValidator:
+    """Return what refuses other names than these."""
+
+    def known(name: str) -> str:
+        if name not in names:
+            raise ValueError(f"must be one of {', '.join(names)}, got {name!r}")
+        return name
+
+    return AfterValidator(known)
 
 
-def _known_polarization(name: str) -> str:
-    """Return the name of a polarization; refuse others."""
-    if name not in POLARIZATIONS:
-        raise ValueError(f"must be one of {', '.join(POLARIZATIONS)}, got {name!r}")
-    return name
-
-
+ALL = "all"
+"""Instead of a polarization: all that are imaged."""
 Metre = Annotated[float, Field(ge=-100_000, le=100_000)]
 Limits = Annotated[tuple[Metre, Metre], AfterValidator(_increasing)]
 Band = Annotated[tuple[float, float], AfterValidator(_increasing)]
 Window = Annotated[float, Field(ge=1e-3, le=100)]
 Pixels = Annotated[int, Field(ge=1, le=1001)]
-Polarization = Annotated[str, AfterValidator(_known_polarization)]
+Polarization = Annotated[str, _one_of(*POLARIZATIONS)]
 
 
 class ImageTable(Table):
@@ -61,7 +60,7 @@ class ImageTable(Table):
     y: Limits
     spacing: Spacing | tuple[Spacing, Spacing]
     subbands: Annotated[dict[str, Band], Field(min_length=1), Largest(1e12)]
-    window: Annotated[str, AfterValidator(_known_window)] = "boxcar"
+    window: Annotated[str, _one_of(*WINDOWS, "ramp")] = "boxcar"
     tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-3
     polarizations: tuple[Polarization, ...] = ()
     frames: Annotated[int, Field(ge=1, le=1000)] | Literal["all"] = 1
@@ -202,9 +201,13 @@ class PrescreenTable(Table):
 
 
 class ContrastTable(Table):
-    """Local contrast as confidence: channel and patch (pixels; spacing in m)."""
+    """Local contrast as confidence: channel and patch (pixels; spacing in m).
 
-    polarization: Polarization
+    With the polarization "all" it is that of the root mean square of all that are imaged, each in
+    units of its background.
+    """
+
+    polarization: Annotated[str, _one_of(*POLARIZATIONS, ALL)]
     subband: str
     size: Pixels = 25
     spacing: Spacing = 0.1
