@@ -124,9 +124,10 @@ def alarms_of(out: Path, road: tuple[str, str, int], condition: str) -> dict[str
         detected = entries.get("of", detector)
         result = home / f"result-{detected.replace(', ', '-').replace(' ', '-')}"
         if not (result / "alarms.csv").is_file():
+            its = DECLARED["detectors"][detected]
             run = driven(home, scene.at_drive(3), seed)
-            before = earlier_drives(out, road, condition)[: entries["drives"] - 1]
-            detect_as(DECLARED["detectors"][detected], run, before, lane_of(scene), result)
+            before = earlier_drives(out, road, condition)[: its["drives"] - 1]
+            detect_as(its, run, before, lane_of(scene), result)
         alarms = read_table(result / "alarms.csv", "alarms").assign(lane=name)
         if detected != detector:
             alarms["confidence"] = pd.read_csv(result / "features.csv")[entries["rank"]]

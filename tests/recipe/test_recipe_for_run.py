@@ -109,6 +109,25 @@ def test_the_image_ends_where_the_steps_of_the_tones_say():
         fit_recipe(bare_run(tones=1e9 + 30e6 * np.arange(34)))
 
 
+def test_where_the_road_was_driven_before_all_polarizations_tell_up_to_where_grating_lobes_come():
+    run = bare_run(polarization=("HH", "HV", "VV"), width=0.3)  # sin 50° = λ/2d at 1.957 GHz
+    text = fit_recipe(run, again=True)
+    recipe = parse_recipe(text)
+    assert [stage.stage for stage in recipe.clutter] == ["earlier"]
+    assert recipe.image.subbands["F0"] == pytest.approx((1e9, 1.9568e9), rel=1e-4)
+    assert (recipe.prescreen.polarization, recipe.contrast.polarization) == ("VV", "all")
+    assert (recipe.contrast.subband, recipe.features, recipe.image.window) == ("F0", None, "hann")
+    assert "# what earlier drives predict is subtracted" in text
+    check_fit(run, recipe)
+
+    # Lobes that come near from the first tone on leave a range cell of 25 cm.
+    wide = parse_recipe(fit_recipe(bare_run(width=2.0), again=True))
+    assert wide.image.subbands["F0"] == pytest.approx((1e9, 1.6e9))
+    like = parse_recipe(fit_recipe(run, like="wang2007", again=True))
+    assert like.clutter[-1].stage == "earlier"
+    assert like.contrast.polarization == load_recipe("wang2007").contrast.polarization
+
+
 def test_subbands_divide_the_band_and_skip_gaps():
     tones = 1e9 + 5e6 * np.arange(501)
     bands = parse_recipe(fit_recipe(bare_run(tones=tones))).image.subbands

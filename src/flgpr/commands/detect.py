@@ -241,7 +241,7 @@ def detect(
     from flgpr.jobs.job import LaneJob, make_job
     from flgpr.jobs.survey import detect_survey, lane_names
     from flgpr.method.unlike import Trust
-    from flgpr.recipe.make import recipe_or_fitted, with_earlier
+    from flgpr.recipe.make import recipe_or_fitted
     from flgpr.results.result import Survey
     from flgpr.stages.earlier import before_names
 
@@ -276,9 +276,7 @@ def detect(
     if is_one:
         beside_it = other_runs[0] | dict(zip(before_names(len(earlier)), earlier, strict=True))
         with RunLocations(run_list[0], output, beside_it) as place:
-            text = recipe_or_fitted(recipe, place.run, model, options.max_memory)
-            if earlier:
-                text = with_earlier(text)
+            text = recipe_or_fitted(recipe, place.run, model, options.max_memory, bool(earlier))
             job = job_of(0, place.run, text, place.output, place.other_runs)
             with options.executor() as executor:
                 detect_lane(job, executor, options, section, overwrite)

@@ -14,6 +14,7 @@ from flgpr.design.point_spread import PointSpread, ground_plane
 from flgpr.design.signal_to_clutter import Viewing, expected_signal_to_clutter
 from flgpr.imaging import ScanImager
 from flgpr.model import SPEED_OF_LIGHT, Grid, Sensor
+from flgpr.model.ambiguity import phase_centre_gap
 from flgpr.progress import Track, silent
 from flgpr.simulate import sites
 from flgpr.simulate.scene.scene import Target
@@ -171,9 +172,7 @@ def _set_expected(design: Design, ground: GroundModel, asked: Question) -> None:
 def _facts(sensor: Sensor, spread: PointSpread) -> dict[str, float]:
     """Return the numbers of antennas and tones, and the ranges and angles that follow from them."""
     tx, rx = sensor.pairs()
-    # A pair acts like one antenna for both ways in the middle between its two.
-    midpoints = np.unique(np.round((tx + rx)[:, 0] / 2, 6))
-    gap = float(np.diff(midpoints).max()) if midpoints.size > 1 else 0.0
+    gap = phase_centre_gap(tx, rx)
 
     # Two-way grating lobe: sin θ = λ/2d at the shortest wavelength; none where that is over one.
     shortest_wavelength = SPEED_OF_LIGHT / spread.tones[-1]
@@ -182,7 +181,7 @@ def _facts(sensor: Sensor, spread: PointSpread) -> dict[str, float]:
         "transmitters": float(len(np.unique(tx, axis=0))),
         "receivers": float(len(np.unique(rx, axis=0))),
         "pairs": float(len(tx)),
-        "aperture": float(np.ptp(midpoints)),
+        "aperture": float(np.ptp((tx + rx)[:, 0])) / 2,
         "height": sensor.height,
         "lowest": float(spread.tones[0]),
         "highest": float(spread.tones[-1]),

@@ -178,11 +178,8 @@ class LiveRun:
         self._fingerprint = ""
         self._started = False
         if options.recipe is not None:
-            self._use_recipe(self._text_for(recipe_text(options.recipe)), str(options.recipe))
-
-    def _text_for(self, text: str) -> str:
-        """Return the text of a recipe as it is used, with the stage of earlier drives."""
-        return with_earlier(text) if self._before else text
+            text = recipe_text(options.recipe)
+            self._use_recipe(with_earlier(text) if self._before else text, str(options.recipe))
 
     def _use_recipe(self, text: str, source: str) -> Recipe:
         """Check that the recipe of a text can work scan by scan with the model, and use it."""
@@ -199,7 +196,8 @@ class LiveRun:
 
         It is kept in the output folder, from where a later process takes it.
         """
-        text = self._text_for(fit_recipe(as_run(description, scan), begins=True))
+        run = as_run(description, scan)
+        text = fit_recipe(run, begins=True, again=bool(self._before))
         recipe = self._use_recipe(text, "fitted")
         write_whole(self.output / RECIPE_FILE, text)
         words = f"no recipe was given: {RECIPE_FILE} was made for this run and is used"

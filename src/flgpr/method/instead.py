@@ -24,7 +24,7 @@ from flgpr.method.stands_out import (
     training_threshold,
     what_stands_out,
 )
-from flgpr.recipe.make import fit_recipe, with_earlier
+from flgpr.recipe.make import fit_recipe
 from flgpr.recipe.schema import parse_recipe, seen_lane
 from flgpr.types import Entries, FloatArray
 
@@ -45,7 +45,7 @@ def contrast_lane(lane: ImagedRun) -> tuple[ImagedRun, str] | None:
     """
     others = None if lane.earlier is None else lane.setup.others
     try:
-        text = fit_recipe(lane.run) if others is None else with_earlier(fit_recipe(lane.run))
+        text = fit_recipe(lane.run, again=others is not None)
         recipe = parse_recipe(text)
     except ValueError:
         return None

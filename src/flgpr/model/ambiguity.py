@@ -115,6 +115,16 @@ def _first_return(tones: FloatArray, usual: float) -> float:
     return float(path[high[0] + int(lobe.argmax())])
 
 
+def phase_centre_gap(tx: FloatArray, rx: FloatArray) -> float:
+    """Return the widest gap, m, across between the phase centres of pairs (pair, 3); 0 of one centre.
+
+    A pair acts like one antenna for both ways in the middle between its two. With a gap d there is
+    a grating lobe at sin θ = λ/2d.
+    """
+    centres = np.unique(np.round((tx + rx)[:, 0] / 2, 6))
+    return float(np.diff(centres).max()) if centres.size > 1 else 0.0
+
+
 def longest_path(tx: ArrayLike, rx: ArrayLike, x: Span, y: Span) -> float:
     """Return the longest path of any pair (pair, 3) by way of a rectangle of ground, m.
 

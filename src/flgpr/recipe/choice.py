@@ -15,6 +15,7 @@ from flgpr.model import (
     sensor_presets,
     unambiguous_path,
 )
+from flgpr.model.ambiguity import phase_centre_gap
 from flgpr.recipe.lengths import (
     PAPERS_HEIGHT,
     divide,
@@ -52,6 +53,20 @@ _FAR_APERTURE = 8.0  # the same for a synthetic aperture, which is as wide as wh
 _SPACINGS = (0.01, 0.02, 0.025, 0.03, 0.04, 0.05, 0.1)  # of pixels, m
 _PIXEL = 2 / 3  # of a resolution cell, as in the paper's images
 _MAP_PIXEL = 1 / 4  # of the finest cell of a map's sub-bands: phases of neighbours are compared
+_GRATING = math.radians(
+    50
+)  # at which grating lobes bring in ground that earlier drives do not predict
+_REASONS_AGAIN = {
+    "clutter": "what earlier drives predict is subtracted",
+    "image.window": "its low sidelobes keep apart what has changed and what has not",
+    "image.subbands": (
+        "all of the run's band, up to where grating lobes of the array come to 50 degrees: what they "
+        "bring in is not predicted"
+    ),
+    "prescreen.polarization": "co-polarized if the run has it, VV before HH: it shows more of plastic",
+    "prescreen.subband": "there is one sub-band",
+    "contrast.polarization": "what has changed shows in each of them",
+}
 _STEP = (0.1, 0.2)  # m, between the pixels of a chip: a third and two thirds of a mine
 _STEP_UNIT = 0.05  # m, to which it is rounded
 
@@ -77,8 +92,8 @@ class Figures:
 
     @property
     def has_features(self) -> bool:
-        """Whether the polarizations allow the ten features."""
-        return allow_features(self.setup.polarizations)
+        """Whether the polarizations allow the ten features, and alarms are ranked by one of them."""
+        return allow_features(self.setup.polarizations) and not self.method.again
 
     @property
     def described(self) -> str:
@@ -156,9 +171,8 @@ class Figures:
     @property
     def polarization(self) -> str:
         """The polarization of the prescreener."""
-        return next(
-            label for label in ("HH", "VV", "HV", "VH") if label in self.setup.polarizations
-        )
+        labels = ("VV", "HH", "HV", "VH") if self.method.again else ("HH", "VV", "HV", "VH")
+        return next(label for label in labels if label in self.setup.polarizations)
 
     @property
     def reasons(self) -> dict[str, str]:
@@ -192,7 +206,7 @@ class Figures:
             "no self-signature is taken, so what arrives before the first pixel is taken out: direct "
             "wave and ground under the antennas"
         )
-        return reasons
+        return reasons | _REASONS_AGAIN if self.method.again else reasons
 
     @property
     def _image_reasons(self) -> dict[str, str]:
@@ -291,6 +305,7 @@ class _Method:
     own: dict[str, float]  #: lengths of the method for its own array, m
     own_height: float  #: height of that array, m
     lengths: dict[str, float]  #: the same for the array of the run
+    again: bool = False  #: whether earlier drives over the road tell what has changed
     #: recipe with a map of simulated signatures, whose sub-bands it has
     model: Recipe | None = None
 
@@ -300,7 +315,7 @@ class _Method:
         return (self.lengths["patch"] + self.lengths["mean"]) / 2
 
 
-def figures_of(setup: RadarSetup, model: Recipe | None = None) -> Figures:
+def figures_of(setup: RadarSetup, model: Recipe | None = None, again: bool = False) -> Figures:
     """Return what of the recipe of a run follows from the run, with the reason for each entry.
 
     Parameters
@@ -309,6 +324,8 @@ def figures_of(setup: RadarSetup, model: Recipe | None = None) -> Figures:
         Channels, tones, array and course of the run.
     model : Recipe, optional
         Recipe whose method the recipe has; without one it is that of Wang et al. 2007.
+    again : bool
+        Whether earlier drives over the road tell what has changed; not with a model.
 
     Raises
     ------
@@ -332,13 +349,14 @@ def figures_of(setup: RadarSetup, model: Recipe | None = None) -> Figures:
     ) < _gap(height, _NEAR)
     early = resolves and not setup.drives and not setup.aperture
     method = _Method(
-        window=_window_of(setup, model),
+        window="hann" if again else _window_of(setup, model),
         early=early,
         near=_NEAR if setup.drives or early else _NEAR_UNCLEAN,
         own=own,
         own_height=own_height,
         lengths=lengths,
         model=model if "outer" in own else None,
+        again=again,
     )
     if method.model:
         return _choose_like(setup, method, method.model.image.subbands)
@@ -432,6 +450,8 @@ def _choose(setup: RadarSetup, method: _Method, given: dict[str, Band] | None = 
     height = setup.height
     # The main lobe of a Hann window is twice as wide.
     blur = 1 if method.window == "boxcar" else 2
+    if method.again:
+        given = _band_again(setup)
     bands = given or divide(setup.tones, blur * _BANDWIDTH)
     nearest = method.near * height
     middle = _MIDDLE * height
@@ -450,11 +470,20 @@ def _choose(setup: RadarSetup, method: _Method, given: dict[str, Band] | None = 
     range_cell = blur * SPEED_OF_LIGHT / (2 * (band[1] - band[0]))
     middle_of_band = (band[0] + band[1]) / 2
     coarse = min(range_cell, _cross_range(setup, middle_of_band, (nearest + reach) / 2))
-    if given:
+    if given and not method.again:
         spacings = _spacing(_MAP_PIXEL * fine, 0.02, 0.05), _spacing(_MAP_PIXEL * coarse, 0.05, 0.1)
     else:
         spacings = _spacing(_PIXEL * fine, 0.01, 0.05), _spacing(_PIXEL * coarse, 0.01, 0.1)
     return Figures(setup, method, bands, subband, half, reach, far, *spacings)
+
+
+def _band_again(setup: RadarSetup) -> dict[str, Band]:
+    """Return the band in which earlier drives predict the ground: to where grating lobes come near."""
+    first, last = float(setup.tones[0]), float(setup.tones[-1])
+    gap = phase_centre_gap(setup.tx, setup.rx)
+    if gap > 0:
+        last = min(last, max(SPEED_OF_LIGHT / (2 * gap * math.sin(_GRATING)), first + _BANDWIDTH))
+    return {"F0": (first, last)}
 
 
 def _half_width(setup: RadarSetup, method: _Method) -> float:

@@ -76,6 +76,7 @@ def recipe_or_fitted(
     run: PathLike,
     model: PathLike | None = None,
     max_memory: int = MAX_MEMORY,
+    again: bool = False,
 ) -> str:
     """Return the text of a recipe, or that of the one that is made for a stored run.
 
@@ -89,6 +90,8 @@ def recipe_or_fitted(
         Folder of a trained model, which works with its own recipe alone.
     max_memory : int
         Bytes that reading the run may take.
+    again : bool
+        Whether earlier drives over the road are given.
 
     Raises
     ------
@@ -98,11 +101,12 @@ def recipe_or_fitted(
     if recipe is not None:
         text = recipe_text(recipe)
         parse_recipe(text, str(recipe))  # an error names the file
-        return text
+        return with_earlier(text) if again else text
     # A model holds what the stages of its own recipe have learnt.
     if model is not None:
         raise ValueError("recipe must be given with a model: the one it was trained with, got none")
-    return recipe_for(run, max_memory=max_memory)
+    with faults_of(run):
+        return fit_recipe(open_run(run, max_memory), again=again)
 
 
 def with_earlier(text: str) -> str:
@@ -116,7 +120,9 @@ def with_earlier(text: str) -> str:
     return f'{text}\n[[clutter]]\nstage = "earlier"\n'
 
 
-def fit_recipe(run: xr.Dataset, begins: bool = False, like: PathLike | None = None) -> str:
+def fit_recipe(
+    run: xr.Dataset, begins: bool = False, like: PathLike | None = None, again: bool = False
+) -> str:
     """Make a recipe from what a run is: its band, polarizations, array and course.
 
     Lengths that belong to a mine and its surroundings are those of Wang et al. 2007 for antennas 5 m
@@ -141,6 +147,10 @@ def fit_recipe(run: xr.Dataset, begins: bool = False, like: PathLike | None = No
         many scans as self-signature.
     like : str or path, optional
         Packaged recipe, or a file, whose method the recipe has.
+    again : bool
+        Whether earlier drives over the road are given. What they predict is subtracted; without
+        ``like`` the band ends where grating lobes come near, and the contrast is that of all
+        polarizations.
 
     Returns
     -------
@@ -163,10 +173,12 @@ def fit_recipe(run: xr.Dataset, begins: bool = False, like: PathLike | None = No
     ((1.2, 7.2), 'HH', ['F1'])
     """
     model = None if like is None else load_model_recipe(like)
-    return _fitted_recipe(run, model, begins)
+    return _fitted_recipe(run, model, begins, again)
 
 
-def _fitted_recipe(run: xr.Dataset, model: ModelRecipe | None, begins: bool = False) -> str:
+def _fitted_recipe(
+    run: xr.Dataset, model: ModelRecipe | None, begins: bool = False, again: bool = False
+) -> str:
     """Return the text of the recipe of a run, with the method of a model where there is one."""
     run = plausible_run(run)
     aperture = goes_across(run)
@@ -177,11 +189,12 @@ def _fitted_recipe(run: xr.Dataset, model: ModelRecipe | None, begins: bool = Fa
             f"like must be a recipe without a map, masks or views, got {model.name}: the radar moves across what "
             "it looks at, so the run is one synthetic aperture and no place has several looks"
         )
-    figures = figures_of(setup, None if model is None else model.recipe)
     if model is None:
-        text = fitted_text(figures)
+        text = fitted_text(figures_of(setup, again=again and not aperture))
     else:
-        text = like_text(figures, model, preset_of(run))
+        text = like_text(figures_of(setup, model.recipe), model, preset_of(run))
+    if again:
+        text = with_earlier(text)
     parse_recipe(text, "fitted")
     return text
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from flgpr.recipe.choice import MEDIAN_STEP, Figures, pixels_of
+from flgpr.recipe.tables import ALL
 from flgpr.toml_text import InlineTable, toml_lines
 
 # Lengths that belong to a mine and what surrounds it, whatever the array: Wang et al. 2007, m.
@@ -16,6 +17,8 @@ _COHERENT = (0.25, 0.15)
 _MEDIAN = 1.05
 EARLY = InlineTable(stage="early")
 """Clutter stage that takes out what arrives before the first pixel."""
+EARLIER = InlineTable(stage="earlier")
+"""Clutter stage that subtracts what earlier drives predict."""
 _PAPER = "as in Wang et al. 2007"
 _REASONS = {
     "background.median": _PAPER,
@@ -48,6 +51,8 @@ def fitted_text(figures: Figures) -> str:
     """
     head = f"# Made by `flgpr recipe for` {figures.described} Lengths in m, frequencies in Hz.\n"
     confidence = "Ten features" if figures.has_features else "Local contrast"
+    if figures.method.again:
+        confidence += " of what has changed"
     spacing = figures.coarse
     image: dict[str, Any] = {
         "x": figures.image_x,
@@ -59,10 +64,13 @@ def fitted_text(figures: Figures) -> str:
         image["frames"] = "all"
     image["subbands"] = figures.edges
     channel = {"polarization": figures.polarization, "subband": figures.subband}
+    clutter = [EARLY] if figures.method.early else []
+    if figures.method.again:
+        clutter.append(EARLIER)
     tables: dict[str, Any] = {
         "name": "fitted",
         "description": f"{confidence} after Wang et al. 2007, {figures.fitted_to}",
-        **({"clutter": [EARLY]} if figures.method.early else {}),
+        **({"clutter": clutter} if clutter else {}),
         "image": image,
         "background": {
             "self_signature": "mean" if figures.setup.drives else "none",
@@ -79,6 +87,7 @@ def fitted_text(figures: Figures) -> str:
         },
         "contrast": {
             **channel,
+            **({"polarization": ALL} if figures.method.again else {}),
             "size": pixels_of([figures.method.lengths["patch"]], spacing)[0],
             "spacing": spacing,
             "inner": pixels_of(_INNER, spacing),
@@ -89,5 +98,5 @@ def fitted_text(figures: Figures) -> str:
         inner = pixels_of(_COHERENT, figures.fine)
         tables["features"] = {"inner": inner, "psi": "circular"}
     tables["score"] = {"halo": _HALO, "area": "union"}
-    lines = toml_lines(tables, figures.reasons | _REASONS)
+    lines = toml_lines(tables, _REASONS | figures.reasons)
     return "\n".join([head, *lines]) + "\n"
