@@ -96,6 +96,11 @@ def find_entrants(
         if is_result and (path.is_dir() or path.name == "alarms.csv"):
             entrants.append(_entrant_of_result(folder, recipe))
             continue
+        if path.is_dir():
+            raise ValueError(
+                f"a folder must be a result of `flgpr detect`, got {path}; "
+                "`flgpr view` shows scores side by side"
+            )
         data = read_named(existing(path, "alarms file"))
         entrants.append(Entrant(path, data, named_recipe=recipe, reading=reading))
     return entrants
