@@ -37,9 +37,12 @@ _wrapped = partial(fill, break_long_words=False, break_on_hyphens=False)
 _MARKER = {"metal": "s", "plastic": "^", "simulant": "D"}
 
 
-def _band_label(name: str) -> str:
-    """Return the name of a sub-band, with the unit if the name is its edges."""
-    return f"{name} GHz" if re.fullmatch(r"[\d.]+-[\d.]+", name) else name
+def _band_label(name: str, result: Result) -> str:
+    """Return the name of a sub-band with its edges, unless the name is its edges."""
+    if re.fullmatch(r"[\d.]+-[\d.]+", name):
+        return f"{name} GHz"
+    edges = result.recipe.image.subbands.get(name)
+    return f"{name} ({edges[0] / 1e9:.3g} to {edges[1] / 1e9:.3g} GHz)" if edges else name
 
 
 def run_view_figure(
@@ -70,7 +73,7 @@ def run_view_figure(
     first_view = chosen[0].view
     width = _PANEL_WIDTH * len(chosen) + 0.6
     height = _PANEL_WIDTH * np.clip(_shape(first_view), *_RATIOS) * 0.82 + 1.5
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = Figure(figsize=(width, height), layout="compressed")
     panels = np.atleast_1d(figure.subplots(1, len(chosen)))
     for axes, detection in zip(panels, chosen, strict=True):
         view = select(detection.view, *channel_shown(result, detection))
@@ -87,7 +90,7 @@ def run_view_figure(
     )
     polarization, subband = channel_shown(result, chosen[0])
     scale = ", not to scale" if _is_long(first_view) else ""
-    figure.suptitle(f"Run-view {polarization}, {_band_label(subband)}{scale}", fontsize=11)
+    figure.suptitle(f"Run-view {polarization}, {_band_label(subband, result)}{scale}", fontsize=11)
     return figure
 
 
@@ -134,7 +137,7 @@ def channel_figure(result: Result) -> Figure:
         for j, subband in enumerate(view["subband"].values):
             axes = grid[i, j]
             _draw_view(axes, view[i, j], result.lane, bar=False)
-            axes.set_title(f"{polarization}  {_band_label(subband)}", fontsize=9)
+            axes.set_title(f"{polarization}  {_band_label(subband, result)}", fontsize=9)
             axes.label_outer()
     return figure
 

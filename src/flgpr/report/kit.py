@@ -26,6 +26,7 @@ from flgpr.model.figure_text import show_dollar_signs
 from flgpr.types import ArrayLike, FloatArray, floats
 
 _PACKAGE = "flgpr.report"
+_DPI = 110
 
 
 def render(template: str, package: str = _PACKAGE, **values: Any) -> str:
@@ -34,7 +35,7 @@ def render(template: str, package: str = _PACKAGE, **values: Any) -> str:
     The page is self-contained. Text is escaped, and a value that the template uses must be given.
     Beside Jinja's own filters there are ``fmt``, Python's ``format``; ``metres``, which writes a
     length to the centimetre; ``data_url``, which turns a figure or its PNG into the address of an
-    image; and ``css_text``, which writes text as a string of a style sheet.
+    image; ``inches``, its width; and ``css_text``, which writes text as a string of a style sheet.
 
     Parameters
     ----------
@@ -71,6 +72,7 @@ def _environment(package: str) -> Environment:
         "in_words": in_words,
         "metres": _metres,
         "data_url": _data_url,
+        "inches": _inches,
         "css_text": _css_text,
     }
     return environment
@@ -110,7 +112,7 @@ def in_words(value: Any) -> str:
     return str(value)
 
 
-def figure_png(figure: Figure, dpi: float = 110) -> bytes:
+def figure_png(figure: Figure, dpi: float = _DPI) -> bytes:
     """Return a figure as PNG, the same bytes for equal figures.
 
     Text is shown as it is: dollar signs in names do not make formulas.
@@ -193,7 +195,14 @@ def _css_text(text: str) -> Markup:
     return Markup('"' + "".join(escaped) + '"')  # noqa: S704 - nothing unescaped is left
 
 
-def _data_url(picture: Figure | bytes, dpi: float = 110) -> str:
+def _inches(picture: Figure | bytes) -> float:
+    """Return how wide a figure or a PNG is, so that a narrow screen can keep its text legible."""
+    if isinstance(picture, Figure):
+        return float(picture.get_figwidth())
+    return int.from_bytes(picture[16:20], "big") / _DPI
+
+
+def _data_url(picture: Figure | bytes, dpi: float = _DPI) -> str:
     """Return a figure or a PNG as a data address."""
     png = figure_png(picture, dpi) if isinstance(picture, Figure) else picture
     return "data:image/png;base64," + b64encode(png).decode()

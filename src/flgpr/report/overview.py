@@ -153,7 +153,8 @@ ROADSIDE = (
     "taken out. Rings are alarms"
 )
 DAYS = (
-    "left of the line at the earlier drive, right of it today. Rings are alarms: what has changed"
+    "left of the line at the earlier drive, right of it today. Rings are alarms, weak ones too, on "
+    "what the earlier drive does not predict"
 )
 """What pictures before and after show."""
 
