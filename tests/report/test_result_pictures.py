@@ -95,3 +95,10 @@ def test_stops_of_a_long_run_are_thinned_out():
     figure.draw_without_rendering()
     plan = figure.axes[0]
     assert 200 <= len(plan.lines) <= 400
+
+
+def test_rays_from_the_side_go_ahead():
+    _, side = geometry_figure(RUN, Lane(-1.5, 1.5, 0.0, 1000.0), None, 0.4).axes
+    rays = [line.get_xdata() for line in side.lines if line.get_color() == "0.6"]
+    assert rays
+    assert all(end >= start for start, end in rays)

@@ -255,15 +255,17 @@ def _draw_plan(axes: Axes, run: Entries, pose: FloatArray, lane: Lane, is_stretc
 
 
 def _draw_side(axes: Axes, pose: FloatArray, lane: Lane) -> None:
-    """Draw the poses from the side, and rays from the first and the last to the lane's ends."""
+    """Draw the poses from the side, and rays ahead from the first and last to the lane's ends."""
     axes.axhline(0, color="saddlebrown")
     axes.plot(pose[:, 1], pose[:, 2], "C3^", ms=5)
     for stop in pose[[0, -1]]:
         for y in (lane.y_min, lane.y_max):
+            if (y - stop[1]) * np.cos(stop[3]) < 0:  # behind the antennas
+                continue
             axes.plot([stop[1], y], [stop[2], 0], color="0.6", lw=0.8)
     highest = max(float(pose[:, 2].max()), 0.5)
     is_flat = lane.y_max - min(pose[:, 1].min(), lane.y_min) > 6 * highest
-    title = "side, with rays to\nboth ends of the lane"
+    title = "side, with rays ahead\nto the ends of the lane"
     if is_flat:
         title += ", not to scale"
     axes.set(
