@@ -96,7 +96,8 @@ def test_pictures_have_the_size_asked_for():
 def test_a_narrow_screen_keeps_names_on_a_line_and_pictures_legible():
     parts = "{% import 'parts.html' as parts %}"
     page = _environment("flgpr.report").from_string(
-        parts + "{{ parts.table(['alarm', 'of'], [['alarm-1', 'a-b c']]) }}{{ parts.picture(figure, '') }}"
+        parts
+        + "{{ parts.table(['alarm', 'of'], [['alarm-1', 'a-b c']]) }}{{ parts.picture(figure, '') }}"
     )
     figure = Figure(figsize=(9.5, 1))
     for picture in (figure, figure_png(figure)):

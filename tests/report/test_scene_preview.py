@@ -15,7 +15,9 @@ TARGETS = pd.DataFrame(
         "bottom": [0.15, 0.2, 0.1],
     }
 )
-OBJECTS = pd.DataFrame({"kind": ["rock", "rock", "tank"], "x": [1.0, 1.0, 3.0], "y": [1.0, 30.0, 3.0]})
+OBJECTS = pd.DataFrame(
+    {"kind": ["rock", "rock", "tank"], "x": [1.0, 1.0, 3.0], "y": [1.0, 30.0, 3.0]}
+)
 
 
 def draw():

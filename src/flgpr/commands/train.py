@@ -36,7 +36,9 @@ def _train_lines(model: Model, call: Arguments) -> Iterator[Any]:
     yield call.output
     notes = model.notes
     if "hits" in notes:
-        learnt = f"learnt from {notes['hits']} alarms at targets and {notes['false_alarms']} elsewhere"
+        learnt = (
+            f"learnt from {notes['hits']} alarms at targets and {notes['false_alarms']} elsewhere"
+        )
         yield f"{learnt}, on {len(notes['lanes'])} lane{'s' if len(notes['lanes']) != 1 else ''}"
     yield from check_sentences(Path(call.output))
 

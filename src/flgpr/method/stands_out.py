@@ -174,7 +174,11 @@ class StandingOut:
         others = f"{self.weak} {'is' if self.weak == 1 else 'are'} weak"
         if self.beside:
             others += f", {self.beside} {_stand(self.beside)} out beside the lane"
-        return [f"{_places(self.count)} {_stand(self.count)} out, {others}", _HOW[self.source], *self._advice()]
+        return [
+            f"{_places(self.count)} {_stand(self.count)} out, {others}",
+            _HOW[self.source],
+            *self._advice(),
+        ]
 
     def _advice(self) -> list[str]:
         """Return what to do next."""
