@@ -309,7 +309,9 @@ def _draw_view(axes: Axes, view: xr.DataArray, lane: Lane, bar: bool = True) -> 
         aspect="auto" if is_stretched else "equal",
     )
     if bar and axes.figure is not None:
-        axes.figure.colorbar(mesh, ax=axes, shrink=0.7, label="dB re strongest pixel in the lane")
+        axes.figure.colorbar(
+            mesh, ax=axes, shrink=0.7, fraction=0.06, label="dB re strongest pixel in the lane"
+        )
 
 
 def _draw_marks(
