@@ -97,10 +97,10 @@ def test_a_narrow_screen_keeps_names_on_a_line_and_pictures_legible():
     parts = "{% import 'parts.html' as parts %}"
     page = _environment("flgpr.report").from_string(
         parts
-        + "{{ parts.table(['alarm', 'of'], [['alarm-1', 'a-b c']]) }}{{ parts.picture(figure, '') }}"
+        + "{{ parts.table(['alarm', 'of'], [['alarm-1', 'a-b c']]) }}{{ parts.picture(figure, '', 50) }}"
     )
     figure = Figure(figsize=(9.5, 1))
-    for picture in (figure, figure_png(figure)):
+    for picture in (figure, figure_png(figure, 50)):
         shown = page.render(figure=picture)
         assert "<td class=name>alarm-1</td><td>a-b c</td>" in shown
         assert 'style="--inches: 9.5"' in shown

@@ -12,6 +12,7 @@ from flgpr.recipe.schema import load_recipe
 from flgpr.report import geometry_figure, report_html
 from flgpr.report.figures import run_view_figure
 from flgpr.results.result import Result
+from flgpr.results.score import score_detections
 from flgpr.screen import view_array
 
 RUN = {
@@ -89,6 +90,15 @@ def test_names_from_files_are_shown_and_not_run(tmp_path):
     assert "&lt;script&gt;alert(1)" in page
     assert "<script" not in page
     assert "<img src=x" not in page
+
+
+def test_a_score_is_not_titled_by_what_was_said_before_the_truth_was_known(tmp_path):
+    result = result_of(20.0, 3, tmp_path)
+    truth = pd.DataFrame(
+        {"target_id": ["t"], "kind": ["metal"], "depth": [0.05], "x": [0.1], "y": [3.0]}
+    )
+    assert "<h1>road: 3 alarms</h1>" in report_html(result)
+    assert "<h1>road</h1>" in report_html(result, score_detections(result, truth))
 
 
 def test_stops_of_a_long_run_are_thinned_out():

@@ -26,7 +26,6 @@ from flgpr.model.figure_text import show_dollar_signs
 from flgpr.types import ArrayLike, FloatArray, floats
 
 _PACKAGE = "flgpr.report"
-_DPI = 110
 
 
 def render(template: str, package: str = _PACKAGE, **values: Any) -> str:
@@ -112,7 +111,7 @@ def in_words(value: Any) -> str:
     return str(value)
 
 
-def figure_png(figure: Figure, dpi: float = _DPI) -> bytes:
+def figure_png(figure: Figure, dpi: float = 110) -> bytes:
     """Return a figure as PNG, the same bytes for equal figures.
 
     Text is shown as it is: dollar signs in names do not make formulas.
@@ -195,14 +194,14 @@ def _css_text(text: str) -> Markup:
     return Markup('"' + "".join(escaped) + '"')  # noqa: S704 - nothing unescaped is left
 
 
-def _inches(picture: Figure | bytes) -> float:
+def _inches(picture: Figure | bytes, dpi: float) -> float:
     """Return how wide a figure or a PNG is, so that a narrow screen can keep its text legible."""
     if isinstance(picture, Figure):
         return float(picture.get_figwidth())
-    return int.from_bytes(picture[16:20], "big") / _DPI
+    return int.from_bytes(picture[16:20], "big") / dpi
 
 
-def _data_url(picture: Figure | bytes, dpi: float = _DPI) -> str:
+def _data_url(picture: Figure | bytes, dpi: float = 110) -> str:
     """Return a figure or a PNG as a data address."""
     png = figure_png(picture, dpi) if isinstance(picture, Figure) else picture
     return "data:image/png;base64," + b64encode(png).decode()
