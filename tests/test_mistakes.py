@@ -298,7 +298,7 @@ MISTAKES = {
         "score {in}/alarms.csv --truth {in}/truth.csv -o {out}/a",
         "an alarm list needs --lane",
     ),
-    "a score without truth": ("score {in}/alarms.csv {lane}", "score needs --truth or --sealed"),
+    "a score without truth": ("score {in}/alarms.csv {lane}", "--truth is needed, or --sealed"),
     "a score of a list that is not there": (
         f"score {{in}}/none.csv {SCORE}",
         "alarm list or result not found",

@@ -55,3 +55,13 @@ def test_an_image_of_nothing_has_no_peak():
     peaks = image_peaks(image_of(floor=0.0), 3)
     assert len(peaks) == 0
     assert list(peaks.columns) == ["x", "y", "z", "level", "over_median"]
+
+
+def test_what_lies_below_the_median_is_no_bright_point():
+    image = image_of((0.0, 5.0, 2.0, 0.1, 0.1))
+    ramp = 0.1 * (X - X[0]) + 0.1 * (Y[:, None] - Y[0])  # whose lowest corner has a bump
+    image.values[0, 0] = np.maximum(image.values[0, 0], ramp)
+    image.values[0, 0, 2, 2] = 0.05
+    peaks = image_peaks(image, 5)
+    assert len(peaks) == 2
+    assert (peaks["over_median"] > 0).all()

@@ -103,6 +103,20 @@ def test_a_recording_is_drawn_and_a_run_is_to_be_checked(tmp_path):
     assert open_files(RUN).next == f"flgpr check {RUN}"
 
 
+def test_what_a_recording_does_not_tell_is_a_question_and_a_gather_is_not_to_be_imported(tmp_path):
+    path = tmp_path / "line.dzt"
+    io_gpr.write_dzt(path, io_gpr.section(60)[:, None], per_metre=0)
+    opened = open_files(path, tmp_path / "line.toml")
+    assert opened.answer.endswith("without a mapping; 1 question is open.")
+    assert opened.questions == ("trace spacing unknown: give --step",)
+    assert opened.next == f"flgpr import gpr {path} -o line.zarr --step METRES"
+    gather = tmp_path / "gather.dt1"
+    io_gpr.write_dt1(gather, io_gpr.section(60), SURVEY_MODE="CMP")
+    opened = open_files(gather, tmp_path / "gather.toml")
+    assert opened.answer.endswith("which can be looked at and not imported.")
+    assert opened.next == f"flgpr view {gather}"
+
+
 def test_what_cannot_be_opened_leaves_nothing(tmp_path):
     (tmp_path / "a.npz").write_bytes(b"no archive")
     assert call("open", tmp_path / "a.npz", "-o", tmp_path / "a.toml").exit_code == 2

@@ -194,5 +194,16 @@ def test_an_earlier_spelling_is_told_once_on_the_error_stream(scoring_files):
     for name in files:
         told = [(scoring_files / home / name).read_bytes() for home in ("now", "before")]
         assert told[0] == told[1]
+    asked = CliRunner().invoke(
+        app, ["compare", *given, str(scoring_files / "now"), "--far", "0.1", "--overwrite"]
+    )
+    answer = asked.stdout.splitlines()[-2]
+    assert answer.startswith("At 0.1 false alarms per m²: alarms 2 of 2, other ")
+    assert f"<b>{answer}</b>" in (scoring_files / "now" / "comparison.html").read_text()
+    folder = scoring_files / "now"
+    refused = CliRunner().invoke(app, ["compare", alarms, str(folder), *given[2:], str(folder)])
+    assert f"a folder must be a result of `flgpr detect`, got {folder}" in refused.stderr
+    refused = CliRunner().invoke(app, ["compare", alarms, given[1]])
+    assert "--truth is needed" in refused.stderr
     refused = CliRunner().invoke(app, ["compare", alarms, "--truth", truth, "--lane", lane])
     assert "alarms must be two or more to be compared, got 1" in refused.stderr

@@ -1,10 +1,13 @@
-"""What ``flgpr train`` refuses before it works."""
+"""What ``flgpr train`` refuses before it works, and what it ends in."""
+
+from types import SimpleNamespace
 
 import pytest
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
-from flgpr.commands.train import train
+from flgpr.commands.train import _train_lines, train
+from flgpr.method.model import Model
 from flgpr.store import sample_lane
 
 RUN = sample_lane() / "run.zarr"
@@ -41,3 +44,10 @@ def test_a_recipe_in_which_nothing_learns_is_refused_before_a_run_is_read(recipe
 def test_a_run_of_a_name_must_come_once_per_run():
     with pytest.raises(ValueError, match="with must give low once per run, got 2 for 1 runs"):
         train([RUN], [TRUTH], others=["low=a.zarr", "low=b.zarr"])
+
+
+def test_training_ends_in_what_it_was_learnt_from(tmp_path):
+    notes = {"hits": 12, "false_alarms": 67, "lanes": ["1:a", "2:b"]}
+    call = SimpleNamespace(output=tmp_path / "model")
+    _, learnt = _train_lines(Model(notes=notes), call)
+    assert learnt == "learnt from 12 alarms at targets and 67 elsewhere, on 2 lanes"

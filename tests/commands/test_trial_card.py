@@ -9,11 +9,14 @@ from typer.testing import CliRunner
 from flgpr.commands.app import app
 from flgpr.commands.entrants import (
     UNRANKED,
+    Entrant,
     TrialCard,
     checked_vendors,
     day_of_score,
     stated_vendor,
 )
+from flgpr.commands.scoring import _read_lists
+from flgpr.model import Lane
 from scored import compare_alarms, find_entrant, score_alarms
 
 DAY = "2026-05-04"
@@ -183,3 +186,11 @@ def test_rules_of_a_passphrase_are_shown_before_it_is_typed(scoring_files):
     assert "<dt>vendor</dt><dd>ACME</dd>" in page
     assert "sealed with the truth" in page
     assert "x -2 to 2 m" not in page
+
+
+def test_a_list_of_a_result_is_named_with_its_folder(tmp_path):
+    path = tmp_path / "first" / "alarms.csv"
+    data = b"alarm_id,x,y,confidence\na,9,5,1\n"
+    with pytest.raises(ValueError, match=r"all 1 of first/alarms\.csv lie outside"):
+        _read_lists([Entrant(path, data, of_result=True)], Lane(-1.0, 1.0, 0.0, 9.0))
+    assert Entrant(path, data).file == "alarms.csv"

@@ -158,7 +158,7 @@ def test_run_to_cphd_and_back(small_run, anchor, tmp_path):
     np.testing.assert_allclose(back["signal"].values, small_run["signal"].values, rtol=1e-6)
     assert back.drop_vars("signal").identical(small_run.drop_vars("signal"))
     with pytest.raises(
-        ValueError, match=r"a\.zarr: nothing tells where its lane lies; an anchor is needed"
+        ValueError, match=r"a\.zarr: nothing tells where its lane lies; give an `anchor`"
     ):
         export(tmp_path / "a.zarr", tmp_path / "c.cphd", "cphd")
     placed = small_run.assign_attrs(georeference=read_anchor(anchor).georeference())

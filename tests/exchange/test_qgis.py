@@ -174,7 +174,7 @@ def test_a_run_that_knows_its_place_needs_no_anchor(demo, anchor):
             ValueError, match="georeference must have longitude, latitude and azimuth"
         ):
             own_anchor(wrong)
-    with pytest.raises(ValueError, match="nothing tells where its lane lies; an anchor is needed"):
+    with pytest.raises(ValueError, match="nothing tells where its lane lies; give an `anchor`"):
         map_bytes(demo[0].folder, None, None)
 
 

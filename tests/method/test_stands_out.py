@@ -82,7 +82,8 @@ def test_the_threshold_for_a_rate_comes_first():
 
 def test_alarms_beside_the_lane_do_not_count():
     told = what_stands_out(alarms_of([3.0, 2.0, 1.0], x=[0.0, 2.0, 0.0]), LANE, Decides())
-    assert (told.count, told.weak) == (2, 0)
+    assert (told.count, told.weak, told.beside) == (2, 0, 1)
+    assert told.sentences()[0] == "2 places stand out, 0 are weak, 1 stands out beside the lane"
 
 
 def test_a_lane_that_no_scan_saw_has_no_answer():

@@ -160,7 +160,8 @@ def test_a_course_beside_the_lanes_axis_and_missing_sweeps_are_seen():
     with pytest.raises(ValueError, match="scan without missing sweeps"):
         fit_recipe(run)
     with pytest.raises(
-        ValueError, match=r"pose must put the antennas at least 0\.05 m above the ground, got 0 m"
+        ValueError,
+        match=r"pose must put the antennas at least 0\.05 m above the ground, got 0 m: `flgpr image`",
     ):
         fit_recipe(bare_run(height=0.0))
 

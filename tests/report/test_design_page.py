@@ -48,6 +48,9 @@ def test_the_page_needs_nothing_beside_it():
     assert "at most -11 dB, +1.2 m across and -0.5 m along from a point 10 m ahead." in told
     assert "mines 10 cm deep" in told
     assert told.count("sri-array: no signal to clutter by formula, for it was not asked for.") == 2
+    assert told.index("no signal to clutter") < told.index("cm down-range"), (
+        "the answer comes first"
+    )
     assert told.count("<td class=n>none</td>") == 2, "no grating lobes"
     assert "nan" not in told.split("</table>")[0]
 

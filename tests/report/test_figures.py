@@ -39,7 +39,7 @@ def test_run_view_and_channels_are_drawn_with_alarms_and_lane(tmp_path):
     assert [text.get_text() for text in axes.texts] == ["1", "2", "3"]  # ranks
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
     assert labels == ["alarm, with rank", "lane", "metal mine", "halo"]
-    assert channel_figure(result).axes[0].get_title() == "HH  F1"
+    assert channel_figure(result).axes[0].get_title() == "HH  F1 (0.75 to 1.35 GHz)"
 
 
 def test_the_roc_goes_on_beyond_its_last_alarm(tmp_path):

@@ -12,6 +12,7 @@ from PIL import Image
 import flgpr
 import flgpr_papers
 from flgpr.report import figure_png, render
+from flgpr.report.kit import _environment
 
 TEMPLATES = [
     one
@@ -90,6 +91,19 @@ def test_pictures_have_the_size_asked_for():
     assert Image.open(io.BytesIO(figure_png(figure, 50))).size == (100, 50)
     assert Image.open(io.BytesIO(figure_png(figure, 120))).size == (240, 120)
     assert figure_png(figure) == figure_png(figure)
+
+
+def test_a_narrow_screen_keeps_names_on_a_line_and_pictures_legible():
+    parts = "{% import 'parts.html' as parts %}"
+    page = _environment("flgpr.report").from_string(
+        parts
+        + "{{ parts.table(['alarm', 'of'], [['alarm-1', 'a-b c']]) }}{{ parts.picture(figure, '', 50) }}"
+    )
+    figure = Figure(figsize=(9.5, 1))
+    for picture in (figure, figure_png(figure, 50)):
+        shown = page.render(figure=picture)
+        assert "<td class=name>alarm-1</td><td>a-b c</td>" in shown
+        assert 'style="--inches: 9.5"' in shown
 
 
 @pytest.mark.parametrize("path", TEMPLATES, ids=lambda path: path.stem)

@@ -12,6 +12,7 @@ from flgpr.recipe.schema import load_recipe
 from flgpr.report import geometry_figure, report_html
 from flgpr.report.figures import run_view_figure
 from flgpr.results.result import Result
+from flgpr.results.score import score_detections
 from flgpr.screen import view_array
 
 RUN = {
@@ -54,6 +55,7 @@ def test_a_long_lane_is_stretched_and_keeps_its_brightest_spot(length, scale, tm
     figure = run_view_figure(result_of(length, 3, tmp_path), ["main"])
     figure.draw_without_rendering()
     axes = figure.axes[0]
+    assert axes.get_window_extent().height > 0.79 * figure.bbox.height, "no empty bands"
     mesh = axes.collections[0]
     levels = mesh.get_array()
     assert ("not to scale" in figure.get_suptitle()) == scale
@@ -90,8 +92,24 @@ def test_names_from_files_are_shown_and_not_run(tmp_path):
     assert "<img src=x" not in page
 
 
+def test_a_score_is_not_titled_by_what_was_said_before_the_truth_was_known(tmp_path):
+    result = result_of(20.0, 3, tmp_path)
+    truth = pd.DataFrame(
+        {"target_id": ["t"], "kind": ["metal"], "depth": [0.05], "x": [0.1], "y": [3.0]}
+    )
+    assert "<h1>road: 3 alarms</h1>" in report_html(result)
+    assert "<h1>road</h1>" in report_html(result, score_detections(result, truth))
+
+
 def test_stops_of_a_long_run_are_thinned_out():
     figure = geometry_figure(RUN, Lane(-1.5, 1.5, 0.0, 1000.0), None, 0.4)
     figure.draw_without_rendering()
     plan = figure.axes[0]
     assert 200 <= len(plan.lines) <= 400
+
+
+def test_rays_from_the_side_go_ahead():
+    _, side = geometry_figure(RUN, Lane(-1.5, 1.5, 0.0, 1000.0), None, 0.4).axes
+    rays = [line.get_xdata() for line in side.lines if line.get_color() == "0.6"]
+    assert rays
+    assert all(end >= start for start, end in rays)

@@ -70,6 +70,12 @@ def test_alarms_without_truth_are_larger_where_they_are_surer():
     assert not is_short(LANE)
 
 
+def test_what_stands_out_beside_the_lane_is_not_drawn_as_weak():
+    figure = alarm_overview(LANE, ALARMS.assign(x=[-1.0, 3.0, 1.5]), border=1.5)
+    drawn = {line.get_label(): line.get_ydata().tolist() for line in figure.axes[0].lines}
+    assert drawn == {"weak": [1.5], "stands out beside the lane": [3.0]}
+
+
 def test_the_road_at_an_earlier_drive_and_today_has_one_colour_in_the_median(tmp_path):
     result = read_result(small_result(tmp_path / "result", days=True))
     then, now, caption = before_and_after(result)

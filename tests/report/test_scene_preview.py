@@ -15,7 +15,9 @@ TARGETS = pd.DataFrame(
         "bottom": [0.15, 0.2, 0.1],
     }
 )
-OBJECTS = pd.DataFrame({"kind": ["rock", "tank"], "x": [1.0, 3.0], "y": [1.0, 3.0]})
+OBJECTS = pd.DataFrame(
+    {"kind": ["rock", "rock", "tank"], "x": [1.0, 1.0, 3.0], "y": [1.0, 30.0, 3.0]}
+)
 
 
 def draw():
@@ -26,7 +28,7 @@ def draw():
 def test_the_legend_counts_every_kind():
     plan, _ = draw().axes
     labels = [text.get_text() for text in plan.get_legend().get_texts()]
-    assert labels == ["lane", "metal (2)", "plastic (1)", "rock (1)", "tank (1)"]
+    assert labels == ["lane", "metal (2)", "plastic (1)", "rock (1 of 2)", "tank (1)"]
     assert plan.get_ylim() == (-4.0, 4.0)
 
 

@@ -100,11 +100,11 @@ def test_what_was_emplaced_takes_the_place_of_the_plan(trial, book):
         ),
         (
             {"target_id_3": "T9"},
-            "each target of the plan once and no other, got a difference in T4",
+            "each target of the plan once and no other, got 1 × T9",
         ),
         (
             {"target_id_3": "T1"},
-            "each target of the plan once and no other, got a difference in T4",
+            "each target of the plan once and no other, got 2 × T1",
         ),
     ],
 )

@@ -5,6 +5,7 @@ import os
 import re
 import threading
 import time
+from importlib.resources import files
 
 import numpy as np
 import pytest
@@ -115,6 +116,12 @@ def driving(tmp_path, serving, watch):
         screen.pass_time(600)
         yield screen, feeder
         page.close()
+
+
+def test_the_word_is_stop_before_the_page_has_heard_anything():
+    page = (files("flgpr.viewer") / "static" / "index.html").read_text(encoding="utf-8")
+    assert re.search(r'id="drive"[^>]* data-word="stop"', page)
+    assert re.search(r'id="drive-word"[^>]*>Stop</h2><p id="drive-how">waiting</p>', page)
 
 
 def test_a_radar_that_falls_silent_is_seen_within_a_second(driving):
@@ -399,6 +406,7 @@ def test_a_detection_that_stands_still_and_a_dead_connection_are_seen(driving):
     screen.alive(ago=50.0)
     screen.pass_time(400)
     assert (screen.says()["state-words"], screen.says()["word"]) == ("Run ended", "stop")
+    assert screen.says()["drive-where"] == "no alarm comes any more"
 
 
 def test_a_page_whose_scripts_stand_still_says_so(driving):

@@ -170,6 +170,12 @@ def test_without_truth_the_page_begins_with_what_stands_out_and_on_which_ground(
             assert one.text("#point").endswith("The eigenvalue is 11.9 (limit 8.23).")
             for name in ("#answer", "#unlike"):
                 assert one.page.locator(name).bounding_box()["y"] < 250
+            assert one.text("#roc-plot").startswith("Not scored: flgpr score RESULT")
+    stands_out = StandingOut(2, 1, 4.0, "tail", 0.02, beside=1).as_json()
+    small_result(tmp_path / "other", stands_out=stands_out)
+    with serving([tmp_path / "told", tmp_path / "other"]) as viewer:
+        both = "2 places stand out, 1 is weak, 1 stands out beside the lane."
+        assert watch(viewer).text("#answer") == f"A: 1 place stands out, 2 are weak. B: {both}"
 
 
 def test_ground_that_no_scan_has_seen_is_hatched_and_says_why(watch, serving, tmp_path):

@@ -193,6 +193,7 @@ def test_the_page_shows_scans_and_ties_them_to_the_track(watch, viewer):
     page = one.page
     one.until("document.getElementById('health-rows').children.length === 4")
     assert "all 4 channels are alive" in one.text("#health-words")
+    assert one.text("#answer").startswith("All 4 channels are alive")
     box = page.locator("#bscan").bounding_box()
     page.mouse.click(
         box["x"] + 46 + (box["width"] - 150) * 100.5 / 160, box["y"] + box["height"] / 2

@@ -113,6 +113,14 @@ def test_two_scores_stand_side_by_side(watch, serving, scores):
 
 
 @pytest.mark.slow("a browser draws every page")
+def test_on_a_phone_the_picture_stands_above_the_tables(watch, serving, scores):
+    with serving([scores / "score-one"]) as viewer:
+        page = watch(viewer, size=(390, 844)).page
+        roc, tables = (page.locator(name).bounding_box()["y"] for name in ("#roc", "#scores"))
+        assert roc < tables
+
+
+@pytest.mark.slow("a browser draws every page")
 def test_scores_by_different_rules_say_so(watch, serving, scores):
     with serving([scores / "score-one", scores / "wide"]) as viewer:
         words = watch(viewer).text("#scores [role=alert]")

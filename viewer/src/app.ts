@@ -23,6 +23,9 @@ import type { Choice, Compare, Detection, Note, Source } from "./types";
 import { View } from "./view";
 import { alarmFacts, alarmWords, sentences } from "./words";
 
+/** What stands out: of the first detection alone. */
+const standingOf = (source: Source, detection: Detection | undefined): Source["index"]["stands_out"] => (detection?.name === "main" ? source.index.stands_out : undefined);
+
 export class App implements Page {
   a: Choice;
   b: Choice;
@@ -119,9 +122,8 @@ export class App implements Page {
     return detectionOf(this.source, this.a.set);
   }
 
-  /** What stands out: of the first detection alone. */
   private get standing(): Source["index"]["stands_out"] {
-    return this.detection?.name === "main" ? this.source.index.stands_out : undefined;
+    return standingOf(this.source, this.detection);
   }
 
   // ---------------------------------------------------------------- choices
@@ -303,7 +305,7 @@ export class App implements Page {
   /** Result, subset or comparison changed: curves, counts, list, picture. */
   scoresChanged(): void {
     const [a, b] = this.operating();
-    this.roc.show(a, b);
+    this.roc.show(a, b, this.source.score ? "No target of this subset." : "Not scored: flgpr score RESULT --truth TRUTH adds the ROC.");
     this.showThreshold();
     this.redraw();
     if (this.scored) performance.mark("flgpr:first-picture");
@@ -324,8 +326,10 @@ export class App implements Page {
       "aria-valuetext",
       a ? `confidence ${words}: ${a.curve.n_detected[this.row]} of ${a.curve.n_targets} found, ${a.curve.n_false[this.row]} false alarms` : `confidence ${words}: ${shown.length} alarms`,
     );
-    el("answer").textContent = a ? answerWords(a, b) : sentences(this.standing?.notes.slice(0, 1) ?? []);
     const second = secondOf(this.sources, this.a, this.b);
+    const first = (standing: Source["index"]["stands_out"]): string => sentences(standing?.notes.slice(0, 1) ?? []);
+    const [own, other] = [first(this.standing), second ? first(standingOf(second.source, second.detection)) : ""];
+    el("answer").textContent = a ? answerWords(a, b) : other ? `A: ${own} B: ${other}` : own;
     const name = (source: Source, detection: Detection | undefined): string => (this.sources.length > 1 && source.title.split(" ")[0]) || (detection?.name ?? "");
     showCounts(el<HTMLTableElement>("counts"), a, b, shown.length, [name(this.source, this.detection), second ? name(second.source, second.detection) : ""]);
     if (this.scored) this.showScored(a, b, second);

@@ -189,7 +189,7 @@ export class Drive {
     const place = alarm && (alarm.left > 0 ? `${fixed(alarm.left, 1)} m ahead` : "under the vehicle");
     const none = live.sight > 0 ? `no alarm in ${fixed(live.sight, 0)} m` : "no ground seen yet";
     const isBlind = state.level !== "ok" && state.level !== "slow";
-    el("drive-where").textContent = isBlind ? "alarms are not known" : unbroken(place ?? none);
+    el("drive-where").textContent = live.ended ? "no alarm comes any more" : isBlind ? "alarms are not known" : unbroken(place ?? none);
     const side = alarm ? `${fixed(Math.abs(aside), 1)} m ${aside < 0 ? "left" : "right"}, ` : "";
     const speed = live.speed === null ? "speed not known" : `at ${fixed(3.6 * live.speed, 0)} km/h${live.measured === null ? " as stated" : ""}`;
     el("drive-aside").textContent = isBlind ? "" : unbroken(side + speed);

@@ -469,7 +469,7 @@ export class Live {
 
   report(): void {
     const sorted = [...this.latency].sort((a, b) => a - b);
-    const late = sorted.length ? `, ${fixed(sorted[Math.min(Math.floor(0.95 * sorted.length), sorted.length - 1)]!, 0)} ms at the 95th percentile` : "";
+    const late = sorted.length ? `, ${fixed(sorted[Math.min(Math.floor(0.95 * sorted.length), sorted.length - 1)]!, 0)} ms from scan to alarms at the 95th percentile` : "";
     const { here } = this;
     const missing = this.bad ? `; ${this.bad} lines not understood` : "";
     const words = `${this.scans.size} scans, ${this.alarms.size} alarms${late}${here ? `; vehicle at y ${fixed(here.y, 1)} m` : ""}${missing}${this.ended ? "; ended" : ""}`;

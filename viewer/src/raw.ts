@@ -8,6 +8,7 @@ import { halves } from "./live";
 import { CanvasPen } from "./pen";
 import type { Source } from "./types";
 import { ticks, type Box } from "./view";
+import { sentences, wrapped } from "./words";
 
 const METRES = 0.149896229; // of range per nanosecond, there and back in air
 const STEP_OF_FIT = 1.02; // of permittivity by arrows up and down
@@ -66,7 +67,7 @@ export class RawPanel {
     options(el<HTMLSelectElement>("raw-pair"), Array.from({ length: run.pairs }, (_, i) => same(String(i))), "0");
     el("raw-map").append(...Object.keys(COLOUR_MAPS).map((name) => make("option", {}, name)));
     const { scans } = source.index;
-    el("raw-facts").textContent = `${scans.y.length} scans, ${run.pairs} pairs, ${run.polarizations.join(" ")}, ${run.tones} tones from ${digits(run.frequency_hz[0] / 1e9)} to ${digits(run.frequency_hz[1] / 1e9)} GHz`;
+    el("raw-facts").textContent = `${scans.y.length} scans, ${run.pairs} pair${run.pairs === 1 ? "" : "s"}, ${run.polarizations.join(" ")}, ${run.tones} tones from ${digits(run.frequency_hz[0] / 1e9)} to ${digits(run.frequency_hz[1] / 1e9)} GHz`;
     if (run.recording) el<HTMLSelectElement>("raw-scale").value = "signed";
     el("raw-notes").replaceChildren(...run.notes.map((words) => make("li", {}, words)));
     el("raw-notes-head").hidden = !run.notes.length;
@@ -312,7 +313,8 @@ export class RawPanel {
       const y = top + this.shareOf(delay_ns) * height;
       pen.path([[left, y], [left + width, y]], false, { stroke: "#ffffff", width: 1.2, dash: [2, 4] });
       const above = i < length - 1 || y > top + height - 16; // two ends lie close together
-      pen.text(left + 6, above ? y - 4 : y + 13, `${fixed(delay_ns, 1)} ns: ${words}`, { fill: "#ffffff", size: 11, halo: "#000000" });
+      const lines = wrapped(`${fixed(delay_ns, 1)} ns: ${words}`, (width - 12) / 6);
+      lines.forEach((line, k) => pen.text(left + 6, above ? y - 4 - 13 * (lines.length - 1 - k) : y + 13 * (k + 1), line, { fill: "#ffffff", size: 11, halo: "#000000" }));
     });
   }
 
@@ -483,6 +485,9 @@ export class RawPanel {
     try {
       const { summary, every, channels } = await getJson<Health>("data/0/raw/health");
       const more = every > 1 ? [`Levels and drifts are of every ${every}th scan.`] : [];
+      const others = summary.length - 1;
+      const beside = others ? ` What else was found stands under Channels: ${others}.` : "";
+      el("answer").textContent = sentences(summary.slice(0, 1)) + beside;
       el("health-words").replaceChildren(...[...summary, ...more].map((words) => make("li", {}, words)));
       const column = (name: string, i: number, count: number): string => {
         const value = channels[name]![i] as number | null;

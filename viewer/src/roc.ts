@@ -76,13 +76,13 @@ export class RocPlot {
   }
 
   /** Draw curves anew: another result, subset or theme. */
-  show(a: Operating | undefined, b: Operating | undefined): void {
+  show(a: Operating | undefined, b: Operating | undefined, none: string): void {
     this.plot?.destroy();
     this.plot = null;
     this.now = { ...(a && { a }), ...(b && { b }) };
     this.home.replaceChildren();
     if (!a) {
-      this.home.append(make("p", { class: "none" }, "Not scored, or no target of this subset. flgpr score RESULT --truth TRUTH adds the ROC."));
+      this.home.append(make("p", { class: "none" }, none));
       return;
     }
     const stepped = uPlot.paths.stepped!({ align: 1 });

@@ -9,6 +9,14 @@ import type { Choice, Detection, Source } from "./types";
 /** Notes as sentences. */
 export const sentences = (notes: string[]): string => (Array.isArray(notes) ? notes : []).map((words) => String(words).replaceAll("`", "")).map((words) => `${words[0]?.toUpperCase() ?? ""}${words.slice(1)}.`).join(" ");
 
+/** Words on lines of at most so many letters. */
+export function wrapped(words: string, most: number): string[] {
+  return words.split(" ").reduce<string[]>((lines, word) => {
+    const longer = `${lines.at(-1) ?? ""} ${word}`.trim();
+    return lines.length && longer.length <= most ? [...lines.slice(0, -1), longer] : [...lines, word];
+  }, []);
+}
+
 /** An alarm as it is said. */
 export function alarmWords(source: Source, detection: Detection, row: number): string {
   const { alarms } = detection;

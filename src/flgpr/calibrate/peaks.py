@@ -46,7 +46,7 @@ def image_peaks(image: xr.DataArray, count: int) -> pd.DataFrame:
     maxima = np.where(is_maximum, level, 0.0)
     rows: list[dict[str, float]] = []
     for x, y, z, value in brightest_points(maxima, pixels, count, apart):
-        if value == 0:
+        if value == 0 or (rows and value < median):  # no bright point
             break
         row = {"x": x, "y": y, "z": z, "level": 20 * math.log10(value / top)}
         row["over_median"] = 20 * math.log10(value / median) if median > 0 else math.inf

@@ -41,8 +41,11 @@ if TYPE_CHECKING:
 
 
 def comparison_text(returned: SideBySide, call: Arguments) -> Iterator[Any]:
-    """Yield the points of all detectors, their differences, and where the page is."""
+    """Yield the points of all detectors, their differences, the answer, and where the page is."""
+    from flgpr.scoring.comparison import side_by_side_in_words
+
     yield from comparison_lines(returned)
+    yield f"{side_by_side_in_words(returned)}."
     yield f"page: {(Path(call.output or 'score') / 'comparison.html').resolve()}"
 
 

@@ -95,7 +95,10 @@ def _lines_of_result(result: Result) -> Iterator[str]:
                 yield run["another_array"]
         yield from run.get(name, {}).get("notes", [])
     page = (result.folder / "report.html").resolve()
-    yield f"{len(result.alarms)} alarms; report: {page}"
+    alarms = result.alarms
+    outside = int((~result.lane.contains(alarms["x"], alarms["y"])).sum())
+    beside = f", {outside} of them beside the lane" if outside else ""
+    yield f"{len(alarms)} alarms{beside}; report: {page}"
 
 
 def _as_json(returned: Result | Survey, call: Arguments) -> Any:

@@ -54,6 +54,12 @@ class Entrant:
             return parse_own_table(self.data, "alarms", self.path)
         return parse_table(self.data, "alarms", self.path, self.reading)
 
+    @property
+    def file(self) -> str:
+        """Name of the list, with its folder where it is a result's: all of these have one name."""
+        folder = f"{self.path.resolve().parent.name}/" if self.of_result else ""
+        return folder + self.path.name
+
     def digests(self) -> dict[str, Any]:
         """Return the digest of the list as reports state it."""
         return {"alarms_sha256": sha256(self.data)}
@@ -96,6 +102,11 @@ def find_entrants(
         if is_result and (path.is_dir() or path.name == "alarms.csv"):
             entrants.append(_entrant_of_result(folder, recipe))
             continue
+        if path.is_dir():
+            raise ValueError(
+                f"a folder must be a result of `flgpr detect`, got {path}; "
+                "`flgpr view` shows scores side by side"
+            )
         data = read_named(existing(path, "alarms file"))
         entrants.append(Entrant(path, data, named_recipe=recipe, reading=reading))
     return entrants
@@ -162,8 +173,7 @@ class TrialCard:
             The list. Its own comment ``# vendor: NAME`` counts where no vendor was named.
         """
         vendor = self.vendors[number] if self.vendors else stated_vendor(entrant)
-        folder = f"{entrant.path.resolve().parent.name}/" if entrant.of_result else ""
-        notes = {"vendor": vendor or "not stated", "alarms_file": folder + entrant.path.name}
+        notes = {"vendor": vendor or "not stated", "alarms_file": entrant.file}
         if self.scored_on:
             notes["scored_on"] = self.scored_on
         return notes

@@ -127,10 +127,15 @@ def _opened_recording(path: Path, picture: Path) -> Opened:
 
     described = explain_file(path)
     image(path, picture)
-    answer = f"{path.name} is a {described.kind}: it is read without a mapping."
-    store = path.with_suffix(".zarr").name
-    following = _command("import", "gpr", path, "-o", store)
-    return Opened(answer, (), tuple(described.lines), following, picture=picture)
+    *lines, last = described.lines
+    before, _, following = last.partition("to import it: ")
+    if before:  # it says why the recording is not imported
+        answer = f"{path.name} is a {described.kind}, which can be looked at and not imported."
+        return Opened(answer, (), (*lines, last), _command("view", path), picture=picture)
+    questions = [line for line in lines if line.startswith("trace spacing unknown")]
+    asked = "; 1 question is open" if questions else ""
+    answer = f"{path.name} is a {described.kind}: it is read without a mapping{asked}."
+    return Opened(answer, tuple(questions), tuple(lines), following, picture=picture)
 
 
 def _opened_arrays(files: Sequence[Path], mapping: Path, logs: Sequence[Path] = ()) -> Opened:

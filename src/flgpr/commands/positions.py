@@ -51,7 +51,7 @@ def needed_anchor(
     if anchor is not None:
         return read_anchor(anchor)
     if reference is None:
-        raise ValueError(f"{source}: nothing tells where its lane lies; an anchor is needed")
+        raise ValueError(f"{source}: nothing tells where its lane lies; give an `anchor`")
     return own_anchor(reference)
 
 

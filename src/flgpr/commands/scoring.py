@@ -287,8 +287,8 @@ def _read_lists(entrants: Sequence[Entrant], lanes: LaneLike) -> list[pd.DataFra
     """
     tables = [entrant.table() for entrant in entrants]
     for entrant, table in zip(entrants, tables, strict=True):
-        table.attrs["outside"] = refuse_elsewhere(table, lanes, entrant.path.name)
-        tell_doubts(table, "alarms", entrant.path.name, lanes)
+        table.attrs["outside"] = refuse_elsewhere(table, lanes, entrant.file)
+        tell_doubts(table, "alarms", entrant.file, lanes)
     return tables
 
 

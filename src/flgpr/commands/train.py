@@ -29,11 +29,17 @@ if TYPE_CHECKING:
     from flgpr.method.model import Model
 
 
-def _train_lines(model: Model, call: Arguments) -> Iterator[Any]:  # noqa: ARG001
-    """Yield what was written, and what the check on simulated lanes found."""
+def _train_lines(model: Model, call: Arguments) -> Iterator[Any]:
+    """Yield what was written, from how much it was learnt, and what the check found."""
     from flgpr.method.model_check import check_sentences
 
     yield call.output
+    notes = model.notes
+    if "hits" in notes:
+        learnt = (
+            f"learnt from {notes['hits']} alarms at targets and {notes['false_alarms']} elsewhere"
+        )
+        yield f"{learnt}, on {len(notes['lanes'])} lane{'s' if len(notes['lanes']) != 1 else ''}"
     yield from check_sentences(Path(call.output))
 
 

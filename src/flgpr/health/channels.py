@@ -135,7 +135,8 @@ def health_summary(table: pd.DataFrame) -> list[str]:
         )
     if lines:
         return lines
-    return [f"all {len(table)} channels are alive" + (", none drifts" if len(steady) else "")]
+    alive = "the channel is alive" if len(table) == 1 else f"all {len(table)} channels are alive"
+    return [alive + (", none drifts" if len(steady) else "")]
 
 
 def steady_channels(table: pd.DataFrame) -> pd.DataFrame:

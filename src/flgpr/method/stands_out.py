@@ -160,6 +160,7 @@ class StandingOut:
     source: str  #: "rate", "model", "tail", or "" where nobody can say
     density: float  #: of those that stand out, per m²
     is_seen: bool = True  #: whether any scan saw the ground
+    beside: int = 0  #: alarms beside the ground that stand out, too
 
     def sentences(self) -> list[str]:
         """Return the answer and how it was found, then what is advised."""
@@ -170,9 +171,14 @@ class StandingOut:
         if not self.source:
             few = f"{_places(self.weak)}, too few to say which of them stand out"
             return [few if self.weak else "no place was raised"]
-        verb = "stand" if self.count > 1 else "stands"
         others = f"{self.weak} {'is' if self.weak == 1 else 'are'} weak"
-        return [f"{_places(self.count)} {verb} out, {others}", _HOW[self.source], *self._advice()]
+        if self.beside:
+            others += f", {self.beside} {_stand(self.beside)} out beside the lane"
+        return [
+            f"{_places(self.count)} {_stand(self.count)} out, {others}",
+            _HOW[self.source],
+            *self._advice(),
+        ]
 
     def _advice(self) -> list[str]:
         """Return what to do next."""
@@ -202,6 +208,10 @@ _HOW = {
     "tail": "at most one place of this lane's clutter is expected to be as strong; the rule is unproven",
 }
 """How it was found, by source."""
+
+
+def _stand(count: int) -> str:
+    return "stand" if count > 1 else "stands"
 
 
 def _places(count: int) -> str:
@@ -251,7 +261,8 @@ def what_stands_out(
         Its alarms, with ``confidence``, and whether each lies above the threshold for the
         false-alarm rate where one was asked for.
     ground : Lane, optional
-        Ground that was searched and seen; alarms beside it are not counted. None if no scan saw any.
+        Ground that was searched and seen; alarms beside it are counted apart. None if no scan saw
+        any.
     detector : Detector, optional
         The trained detector that the confidences come from.
 
@@ -264,13 +275,14 @@ def what_stands_out(
         return StandingOut(0, 0, None, "", 0.0, is_seen=False)
     inside = alarms[ground.contains(alarms["x"], alarms["y"])]
     confidence = inside["confidence"].to_numpy(float)
+    everywhere = alarms["confidence"].to_numpy(float)
     border: float | None
-    if ABOVE in inside:
+    if ABOVE in alarms:
         source = "rate"
         border = float(
             min(
-                confidence[inside[ABOVE] == 1],
-                default=float(np.nextafter(confidence.max(initial=0.0), np.inf)),
+                everywhere[alarms[ABOVE] == 1],
+                default=float(np.nextafter(everywhere.max(initial=0.0), np.inf)),
             )
         )
     elif detector is not None:
@@ -280,4 +292,6 @@ def what_stands_out(
     if border is None:
         return StandingOut(0, len(inside), None, "", 0.0)
     count = int((confidence >= border).sum())
-    return StandingOut(count, len(inside) - count, border, source, count / ground.area)
+    beside = int((everywhere >= border).sum()) - count
+    weak = len(inside) - count
+    return StandingOut(count, weak, border, source, count / ground.area, beside=beside)

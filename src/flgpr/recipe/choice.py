@@ -336,7 +336,8 @@ def figures_of(setup: RadarSetup, model: Recipe | None = None, again: bool = Fal
     height = setup.height
     if not height >= 0.05:
         raise ValueError(
-            f"run.pose must put the antennas at least 0.05 m above the ground, got {height:.3g} m"
+            f"run.pose must put the antennas at least 0.05 m above the ground, got {height:.3g} m: "
+            "`flgpr image` focuses the section below antennas on it"
         )
     own, own_height = _own_lengths(model)
     lengths = {}

@@ -14,6 +14,7 @@ from flgpr.report.curve_figures import COLOURS, MARKS, compared_roc_figure
 from flgpr.report.kit import render, table_rows
 from flgpr.report.trial_block import NOT_STATED, comparison_block
 from flgpr.scoring import SideBySide
+from flgpr.scoring.comparison import side_by_side_in_words
 
 POINT = {
     ">found": "{n_detected:.0f} of {n_targets:.0f}",
@@ -89,6 +90,7 @@ def comparison_html(
     return render(
         "comparison.html",
         names=names,
+        told=side_by_side_in_words(comparison),
         unranked=unranked,
         head=list(columns),
         points=table_rows(points.sort_values("far_allowed", kind="stable"), columns.values()),

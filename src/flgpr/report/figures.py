@@ -37,9 +37,12 @@ _wrapped = partial(fill, break_long_words=False, break_on_hyphens=False)
 _MARKER = {"metal": "s", "plastic": "^", "simulant": "D"}
 
 
-def _band_label(name: str) -> str:
-    """Return the name of a sub-band, with the unit if the name is its edges."""
-    return f"{name} GHz" if re.fullmatch(r"[\d.]+-[\d.]+", name) else name
+def _band_label(name: str, result: Result) -> str:
+    """Return the name of a sub-band with its edges, unless the name is its edges."""
+    if re.fullmatch(r"[\d.]+-[\d.]+", name):
+        return f"{name} GHz"
+    edges = result.recipe.image.subbands.get(name)
+    return f"{name} ({edges[0] / 1e9:.3g} to {edges[1] / 1e9:.3g} GHz)" if edges else name
 
 
 def run_view_figure(
@@ -70,7 +73,7 @@ def run_view_figure(
     first_view = chosen[0].view
     width = _PANEL_WIDTH * len(chosen) + 0.6
     height = _PANEL_WIDTH * np.clip(_shape(first_view), *_RATIOS) * 0.82 + 1.5
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = Figure(figsize=(width, height), layout="compressed")
     panels = np.atleast_1d(figure.subplots(1, len(chosen)))
     for axes, detection in zip(panels, chosen, strict=True):
         view = select(detection.view, *channel_shown(result, detection))
@@ -87,7 +90,7 @@ def run_view_figure(
     )
     polarization, subband = channel_shown(result, chosen[0])
     scale = ", not to scale" if _is_long(first_view) else ""
-    figure.suptitle(f"Run-view {polarization}, {_band_label(subband)}{scale}", fontsize=11)
+    figure.suptitle(f"Run-view {polarization}, {_band_label(subband, result)}{scale}", fontsize=11)
     return figure
 
 
@@ -134,7 +137,7 @@ def channel_figure(result: Result) -> Figure:
         for j, subband in enumerate(view["subband"].values):
             axes = grid[i, j]
             _draw_view(axes, view[i, j], result.lane, bar=False)
-            axes.set_title(f"{polarization}  {_band_label(subband)}", fontsize=9)
+            axes.set_title(f"{polarization}  {_band_label(subband, result)}", fontsize=9)
             axes.label_outer()
     return figure
 
@@ -252,15 +255,17 @@ def _draw_plan(axes: Axes, run: Entries, pose: FloatArray, lane: Lane, is_stretc
 
 
 def _draw_side(axes: Axes, pose: FloatArray, lane: Lane) -> None:
-    """Draw the poses from the side, and rays from the first and the last to the lane's ends."""
+    """Draw the poses from the side, and rays ahead from the first and last to the lane's ends."""
     axes.axhline(0, color="saddlebrown")
     axes.plot(pose[:, 1], pose[:, 2], "C3^", ms=5)
     for stop in pose[[0, -1]]:
         for y in (lane.y_min, lane.y_max):
+            if (y - stop[1]) * np.cos(stop[3]) < 0:  # behind the antennas
+                continue
             axes.plot([stop[1], y], [stop[2], 0], color="0.6", lw=0.8)
     highest = max(float(pose[:, 2].max()), 0.5)
     is_flat = lane.y_max - min(pose[:, 1].min(), lane.y_min) > 6 * highest
-    title = "side, with rays to\nboth ends of the lane"
+    title = "side, with rays ahead\nto the ends of the lane"
     if is_flat:
         title += ", not to scale"
     axes.set(
@@ -304,7 +309,9 @@ def _draw_view(axes: Axes, view: xr.DataArray, lane: Lane, bar: bool = True) -> 
         aspect="auto" if is_stretched else "equal",
     )
     if bar and axes.figure is not None:
-        axes.figure.colorbar(mesh, ax=axes, shrink=0.7, label="dB re strongest pixel in the lane")
+        axes.figure.colorbar(
+            mesh, ax=axes, shrink=0.7, fraction=0.06, label="dB re strongest pixel in the lane"
+        )
 
 
 def _draw_marks(

@@ -34,7 +34,7 @@ def render(template: str, package: str = _PACKAGE, **values: Any) -> str:
     The page is self-contained. Text is escaped, and a value that the template uses must be given.
     Beside Jinja's own filters there are ``fmt``, Python's ``format``; ``metres``, which writes a
     length to the centimetre; ``data_url``, which turns a figure or its PNG into the address of an
-    image; and ``css_text``, which writes text as a string of a style sheet.
+    image; ``inches``, its width; and ``css_text``, which writes text as a string of a style sheet.
 
     Parameters
     ----------
@@ -71,6 +71,7 @@ def _environment(package: str) -> Environment:
         "in_words": in_words,
         "metres": _metres,
         "data_url": _data_url,
+        "inches": _inches,
         "css_text": _css_text,
     }
     return environment
@@ -191,6 +192,13 @@ def _css_text(text: str) -> Markup:
         is_plain = letter.isascii() and letter.isalnum()
         escaped.append(letter if is_plain else f"\\{ord(letter):06x}")
     return Markup('"' + "".join(escaped) + '"')  # noqa: S704 - nothing unescaped is left
+
+
+def _inches(picture: Figure | bytes, dpi: float) -> float:
+    """Return how wide a figure or a PNG is, so that a narrow screen can keep its text legible."""
+    if isinstance(picture, Figure):
+        return float(picture.get_figwidth())
+    return int.from_bytes(picture[16:20], "big") / dpi
 
 
 def _data_url(picture: Figure | bytes, dpi: float = 110) -> str:

@@ -119,8 +119,10 @@ def alarm_overview(lane: Lane, alarms: pd.DataFrame, border: float | None = None
         _draw_rings(axes, shown, sizes, _FALSE, "alarm, the surer the larger")
     else:
         outstanding = outstanding_alarms(shown, lane, border)
-        weak = shown.drop(outstanding.index)
-        _draw_points(axes, weak, ".", _WEAK, 3, "weak, or beside the lane")
+        others = shown.drop(outstanding.index)
+        is_strong = others["confidence"] >= border
+        _draw_points(axes, others[~is_strong], ".", _WEAK, 3, "weak")
+        _draw_points(axes, others[is_strong], "+", _FALSE, 9, "stands out beside the lane")
         _draw_rings(axes, outstanding, _LARGEST_MARK, _MISSED, "stands out, by its rank")
         for rank, alarm in enumerate(outstanding[:MOST_PLACES].itertuples(), 1):
             axes.annotate(
@@ -151,7 +153,8 @@ ROADSIDE = (
     "taken out. Rings are alarms"
 )
 DAYS = (
-    "left of the line at the earlier drive, right of it today. Rings are alarms: what has changed"
+    "left of the line at the earlier drive, right of it today. Rings are alarms, weak ones too, on "
+    "what the earlier drive does not predict"
 )
 """What pictures before and after show."""
 

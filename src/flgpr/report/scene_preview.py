@@ -68,22 +68,26 @@ def scene_figure(
     plan.add_patch(lane_patch(lane, along=True, fc="0.93", ec="0.2", ls="-.", label="lane"))
     for x, y, radius in patches:
         plan.add_patch(Circle((y, x), radius, fc="C9", alpha=0.25, lw=0))
-    _add_markers(plan, pd.concat([targets[["kind", "x", "y"]], objects]))
+    limits = (lane.y_min - _SECTION_MARGIN, lane.y_max + _SECTION_MARGIN)
+    placed = pd.concat([targets[["kind", "x", "y"]], objects])
+    is_shown = placed["y"].between(*limits) & placed["x"].abs().le(half_width)
+    _add_markers(plan, placed.assign(shown=is_shown))
     plan.set(ylabel="cross-track x (m)", ylim=(-half_width, half_width), title=title)
     plan.legend(fontsize=8, ncols=7, loc="upper center", bbox_to_anchor=(0.5, -0.02), frameon=False)
     for kind, rows in targets.groupby("kind", sort=False):
         colour = _COLOURS.get(str(kind), _OTHER_COLOUR)
         section.vlines(rows["y"], 100 * rows["top"], 100 * rows["bottom"], color=colour, lw=4)
     section.axhline(0, color="saddlebrown")
-    limits = (lane.y_min - _SECTION_MARGIN, lane.y_max + _SECTION_MARGIN)
     section.set(xlabel="down-track y (m)", ylabel="depth (cm)", xlim=limits)
     section.invert_yaxis()
     return figure
 
 
 def _add_markers(axes: Axes, table: pd.DataFrame) -> None:
-    """Add markers at the positions of a table, with a label and a count for each kind."""
+    """Add markers at the positions of a table, with a label and a count of those shown by kind."""
     for kind, rows in table.groupby("kind", sort=False):
+        shown = int(rows["shown"].sum())
+        count = f"{len(rows)}" if shown == len(rows) else f"{shown} of {len(rows)}"
         axes.plot(
             rows["y"],
             rows["x"],
@@ -91,5 +95,5 @@ def _add_markers(axes: Axes, table: pd.DataFrame) -> None:
             color=_COLOURS.get(str(kind), _OTHER_COLOUR),
             ms=6,
             ls="none",
-            label=f"{kind} ({len(rows)})",
+            label=f"{kind} ({count})",
         )

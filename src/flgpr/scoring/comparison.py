@@ -28,6 +28,7 @@ from flgpr.types import ArrayLike, Entries, FloatArray, floats
 
 _ENUMERATED = 20  # signs; a million sums
 _FLIPS = 100_000
+_SURE = 0.05  # p below which two detectors are told apart
 _POINT_COLUMNS = (
     "far",
     "far_low",
@@ -97,6 +98,21 @@ class SideBySide:
     #: their chance, ``difference`` with interval and ``p_value``, see :class:`Comparison`; None
     #: where only operating points were asked for
     means: pd.DataFrame | None
+
+
+def side_by_side_in_words(comparison: SideBySide) -> str:
+    """Return what each detector finds at the operating point, and whether a pair is told apart."""
+    points, pairs = comparison.points, comparison.pairs
+    far = points.attrs.get("far", points["far_allowed"].max())
+    found = [
+        f"{row['detector']} {row['n_detected']:.0f} of {row['n_targets']:.0f}"
+        for row in points[points["far_allowed"] == far].to_dict("records")
+    ]
+    sentence = f"At {far:.3g} false alarms per m²: {', '.join(found)}"
+    tested = pairs["p"][pairs["far_allowed"] == far].tolist()
+    if len(tested) == 1:
+        sentence += f"; {'' if tested[0] < _SURE else 'not '}told apart (p = {tested[0]:.3g})"
+    return sentence
 
 
 def compare(
@@ -362,6 +378,8 @@ def side_by_side(
             row["low_b"], row["high_b"] = intervals[other]
             pairs_of_means.append(names | row)
     table = pd.concat(points, ignore_index=True)
+    far = max(rules.far, 1 / curve.attrs["area"])
+    table.attrs["far"] = far if far in fars else max(fars, default=far)
     return SideBySide(table, pd.DataFrame(pairs), pd.DataFrame(pairs_of_means) if means else None)
 
 

@@ -25,6 +25,7 @@ from flgpr_exchange.gpr.files import NOT_READ, READERS, read_gpr
 from flgpr_exchange.gpr.parts import INTERVALS, MissingHeaderError, note_count
 from flgpr_exchange.gpr.places import (
     doubts_of_fixes,
+    option_that_places,
     options_that_place,
     poses_by_distance,
     poses_by_fixes,
@@ -230,8 +231,8 @@ def explain_gpr(path: Path, max_memory: int = MAX_MEMORY) -> tuple[str, list[str
     if section.gather:
         lines.append("flgpr import gpr refuses it, for a run is a line of one offset")
     else:
-        store = f"{shlex.quote(path.stem)}.zarr"
-        lines.append(f"to import it: flgpr import gpr {shlex.quote(str(path))} -o {store}")
+        words = ["flgpr", "import", "gpr", str(path), "-o", f"{path.stem}.zarr"]
+        lines.append(f"to import it: {shlex.join(words)}{option_that_places(section)}")
     return section.format, lines
 
 

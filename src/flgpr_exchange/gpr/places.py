@@ -292,3 +292,12 @@ def _near_middle(fixes: FloatArray) -> FloatArray:
     difference = wrapped(longitude - np.median(longitude))
     east = difference * math.cos(middle)
     return _EARTH * np.stack([east, latitude - middle, np.zeros_like(east)], axis=1)
+
+
+def option_that_places(section: GprSection) -> str:
+    """Return the option to import a line with, its value to fill in; nothing if headers place it."""
+    if section.distance is not None:
+        return ""
+    if len(section.fixes) > 1:
+        return " --anchor-from-track"
+    return f" {'--mark-spacing' if len(section.marks) > 1 else '--step'} METRES"

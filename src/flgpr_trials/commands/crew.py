@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -173,10 +174,11 @@ def _recorded_rows(sheet: pd.DataFrame, plan: pd.DataFrame) -> pd.DataFrame:
         [" ".join(map(str, row)) for row in table[keys].to_numpy()] for table in (sheet, plan)
     )
     if sorted(names) != sorted(planned_names):
-        differing = sorted({*names} ^ {*planned_names})
+        counted, planned = Counter(names), Counter(planned_names)
+        differing = min(counted - planned or planned - counted)
         raise ValueError(
             "sheet must have each target of the plan once and no other, "
-            f"got a difference in {differing[0] if differing else 'one of them twice'}"
+            f"got {counted[differing]} × {differing}"
         )
     return sheet.set_axis(names).loc[planned_names]
 
