@@ -21,6 +21,12 @@ from flgpr.types import ComplexArray, Float32Array
 
 LOADING = 1e-3
 """What is added to the diagonal of the normal equations, over their mean diagonal."""
+LOADING_MOVED = 3e-2
+"""The same for copies that are moved by a pixel, which only correct what the others predict.
+
+A stretch holds some hundred resolution cells, and three looks of a drive make 27 copies: with much
+less loading those of several drives would predict a part of what is new, too.
+"""
 _THINNED = 2  # of neighbouring pixels, which lie within a resolution cell, one is fitted
 
 
@@ -95,9 +101,9 @@ def predicted(
         If a stretch has fewer fitted pixels than twice the copies.
     """
     steps = range(-reach, reach + 1)
-    copies = np.stack(
-        [moved(one, row, column) for one in earlier for row in steps for column in steps]
-    )
+    shifts = [(row, column) for row in steps for column in steps]
+    copies = np.stack([moved(one, *shift) for one in earlier for shift in shifts])
+    loading = np.tile([LOADING_MOVED if any(shift) else LOADING for shift in shifts], len(earlier))
     fitted = -(-stretch[0] // _THINNED) * -(-stretch[1] // _THINNED)
     if fitted < 2 * len(copies):
         raise ValueError(
@@ -116,7 +122,7 @@ def predicted(
             normal = basis.conj() @ basis.T
             diagonal = np.trace(normal).real / len(copies)
             if diagonal > 0:
-                normal += LOADING * diagonal * np.eye(len(copies), dtype=normal.dtype)
+                normal += np.diag(loading * diagonal).astype(normal.dtype)
                 factors = np.linalg.solve(normal, basis.conj() @ wanted)
                 blend = np.outer(*(_blend(axis.stop - axis.start) for axis in (part, columns)))
                 total[part, columns] += np.tensordot(factors, of_copies, 1) * blend
