@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
@@ -270,10 +272,14 @@ def calibrate_joint(
     return fit
 
 
+_BEYOND = ", the edge of the delays: do these hold the top of a hyperbola?"
+
+
 def _permittivity_lines(fit: GroundFit, _: Arguments) -> Iterator[str]:
     """Yield the permittivity and how far it stands out."""
     yield f"permittivity {fit.permittivity:.2f}: {_speed(fit):.4f} m/ns"
     yield f"sharpness there is {fit.contrast:.2f} times the median of all trials"
+    yield f"what focuses best lies at {fit.place:.2f} m, {1e9 * fit.delay:.3g} ns{fit.doubt}"
 
 
 def _permittivity_json(fit: GroundFit, _: Arguments) -> dict[str, float]:
@@ -282,6 +288,9 @@ def _permittivity_json(fit: GroundFit, _: Arguments) -> dict[str, float]:
         "permittivity": fit.permittivity,
         "speed_m_per_ns": _speed(fit),
         "sharpness_over_median": fit.contrast,
+        "place_m": fit.place,
+        "delay_ns": 1e9 * fit.delay,
+        "at_edge": bool(fit.doubt),
     }
 
 
@@ -329,9 +338,11 @@ def calibrate_permittivity(
     from flgpr.store import open_run
 
     low, high = limits
-    if not 1 <= low < high:
+    if not 1 <= low < high < math.inf:
         raise ValueError(f"limits must increase from 1 or more, got {low:g}, {high:g}")
     # In equal ratios: it is the relative change of the speed that defocuses.
-    values = [low * (high / low) ** (k / (trials - 1)) for k in range(trials)]
+    values = [low * (high / low) ** (k / max(trials - 1, 1)) for k in range(trials)]
     section = LineSection(open_run(run), along, (delays[0] * 1e-9, delays[1] * 1e-9))
-    return estimate_permittivity(section.image, values, track or silent)
+    fit = estimate_permittivity(section.image, values, track or silent)
+    place, delay, is_edge = section.focus(fit.permittivity)
+    return replace(fit, place=place, delay=delay, doubt=_BEYOND if is_edge else "")
