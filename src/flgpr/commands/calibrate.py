@@ -47,6 +47,8 @@ def _clock_lines(fit: ClockFit, call: Arguments) -> Iterator[Any]:
     best = float(fit.trials["sharpness"].max())
     yield f"clock offset {fit.offset:.4f} s, rate {fit.rate:g}, from {len(fit.trials)} trials"
     yield f"sharpness there is {best / fit.lowest:.2f} times the least of the trial offsets"
+    if fit.rate_at_edge:
+        yield f"rate {fit.rate:g} lies at the edge of those tried: a better one may lie beyond"
     yield from _last_lines(fit, call)
 
 
@@ -57,7 +59,9 @@ def _clock_json(fit: ClockFit, call: Arguments) -> Entries:
         "clock_rate": fit.rate,
         "sharpness": float(fit.trials["sharpness"].max()),
         "least_sharpness": fit.lowest,
+        "clock_rate_at_edge": fit.rate_at_edge,
         "trials": len(fit.trials),
+        "offsets_not_tried": fit.skipped,
         "standing_part_removed": not call.keep_standing,
     }
 
@@ -90,7 +94,11 @@ def _bias_json(fit: BiasFit, call: Arguments) -> Entries:
     """Return the figures of a bias, with those of the clock if it was estimated."""
     figures: Entries = {}
     if fit.offset is not None:
-        figures |= {"clock_offset_s": fit.offset, "clock_offset_sigma_s": fit.offset_sigma}
+        figures |= {
+            "clock_offset_s": fit.offset,
+            "clock_offset_sigma_s": fit.offset_sigma,
+            "offsets_not_tried": fit.skipped,
+        }
     return figures | {
         "range_bias_m": fit.bias,
         "range_bias_sigma_m": fit.bias_sigma,
@@ -109,6 +117,8 @@ def _last_lines(fit: ClockFit | BiasFit, call: Arguments) -> Iterator[Any]:
     """Yield whether the search was with what is the same in all scans, and the store."""
     outcome = "kept" if call.keep_standing else "left out of the search"
     yield f"what stands still in the scans (coupling, the vehicle's own echoes) was {outcome}"
+    if fit.skipped:
+        yield f"{fit.skipped} offsets were not tried: they put scans outside the track"
     yield from written(fit, call)
 
 
