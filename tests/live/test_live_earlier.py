@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from driven_twice import FREQUENCY, drive
+from flgpr.commands.detect import detect
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.feeding import feed
 from flgpr.live.intake import Intake
@@ -236,3 +237,15 @@ def test_an_earlier_drive_that_tells_nothing_is_refused_before_the_first_scan(ho
                 home / "recipe.toml", home / "two", home / "incoming", before=[home / "two.zarr"]
             )
         )
+
+
+def test_an_earlier_drive_of_another_place_on_the_earth_is_refused(home, before, today):
+    place = {"longitude": 8.5, "latitude": 49.0, "azimuth": 30.0}
+    save_run(before.assign_attrs(georeference=place | {"latitude": 49.1}), home / "far.zarr")
+    save_run(today.assign_attrs(georeference=place), home / "here.zarr")
+    rule = "far.zarr: must be a run of the same lane, within 10 m"
+    with pytest.raises(ValueError, match=rule):
+        detect(home / "here.zarr", output=home / "found", before=[home / "far.zarr"])
+    feed(home / "here.zarr", home / "here", float("inf"))
+    with pytest.raises(ValueError, match=rule):
+        live(home, "elsewhere", incoming=home / "here", before=[home / "far.zarr"])

@@ -29,6 +29,7 @@ import xarray as xr
 import flgpr
 from flgpr.door import Folder, refuse_links
 from flgpr.geo import own_anchor, read_anchor
+from flgpr.geo.anchor import check_same_place
 from flgpr.health.findings import Finding
 from flgpr.health.of_run import health_of_run, without
 from flgpr.live.alarm_reports import AlarmReporter
@@ -374,6 +375,10 @@ class LiveRun:
         Without a recipe the detector is built when a scan with a pose has come, see
         :meth:`_fit_recipe`, unless an earlier process has made one.
         """
+        anchor = self._alarms.anchor
+        own = description.attrs.get("georeference") if anchor is None else anchor.georeference()
+        for path, earlier in zip(self.options.before, self._before.values(), strict=True):
+            check_same_place(own, earlier.attrs.get("georeference"), path)
         recipe = self._recipe
         if recipe is None and not self.options.fresh:
             made_before = Folder(self.output).read_if_listed(RECIPE_FILE)
