@@ -7,6 +7,7 @@ import pytest
 
 from driven_twice import FREQUENCY, drive
 from flgpr.commands.detect import detect
+from flgpr.jobs.job import make_job
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.feeding import feed
 from flgpr.live.intake import Intake
@@ -249,3 +250,22 @@ def test_an_earlier_drive_of_another_place_on_the_earth_is_refused(home, before,
     feed(home / "here.zarr", home / "here", float("inf"))
     with pytest.raises(ValueError, match=rule):
         live(home, "elsewhere", incoming=home / "here", before=[home / "far.zarr"])
+
+
+def test_a_tone_at_fault_on_one_day_is_left_out_of_both(home, before, today):
+    """The images of both days are compared tone by tone, and a stored run without one has fewer."""
+    broken = before.copy(deep=True)
+    broken["signal"].values[..., 20] *= (
+        np.exp(2j * np.pi * np.random.default_rng(1).random(broken["signal"].values[..., 20].shape))
+        * 100
+    )
+    save_run(broken, home / "noisy.zarr")
+    recipe = (home / "recipe.toml").read_text()
+    for run, other in (("today", "noisy"), ("noisy", "today")):
+        beside = {"before": home / f"{other}.zarr"}
+        job = make_job(home / f"{run}.zarr", recipe, LANE, home / "result", others=beside)
+        assert job.health.left_out.tones == job.left_out_of_others[0].tones == (20,)
+    _, lines = live(home, "noisy", before=[home / "noisy.zarr"])
+    told = [line["words"] for line in lines if line.get("name") == "before"]
+    assert "1 tone left out" in told[0]
+    assert "dB of the images)" in told[-1]

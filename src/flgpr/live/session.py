@@ -150,7 +150,7 @@ class LiveRun:
             run = open_run(path)
             check_earlier(run, path)
             health = health_of_run(run)
-            self._before[name] = without(run, health.left_out)
+            self._before[name] = without(run, health.left_out, silent_tones=True)
             self._of_before += [finding.of_run(name) for finding in health.findings]
         self._is_alone = False  # whether the newest scan lies near none of an earlier drive
         self._recipe: Recipe | None = None
