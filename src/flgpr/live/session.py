@@ -606,7 +606,8 @@ class LiveRun:
         if detector.earlier is not None:
             fit = detector.earlier.sentences()
             events.append([problem_event(BEFORE, sentence) for sentence in fit])
-            log_note("; ".join(fit))
+            if fit:
+                log_note("; ".join(fit))
         end: EndEvent = {"event": "end", "alarms": len(table), "latency": report.latency_ms}
         events.append([{**end, **counts}])
         stated_rate = rate if np.isfinite(rate) else None
