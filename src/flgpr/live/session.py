@@ -315,6 +315,7 @@ class LiveRun:
                 return arrival
             if arrival.kind == "end":
                 if not self._is_of_another(arrival):
+                    self._compare_count(arrival, events)
                     return None
                 events.append([problem_event(arrival.name, _ANOTHER_END)])
             elif arrival.kind == "run":
@@ -366,6 +367,13 @@ class LiveRun:
         """
         described = "" if self._intake is None else self._intake.description.run_id
         return arrival.name == SOCKET and arrival.value not in ("", described)
+
+    def _compare_count(self, end: Arrival, events: EventFile) -> None:
+        """Tell of fewer scans than the end states: the first or the last ones may be missing."""
+        lacking = "" if self._intake is None else self._intake.lacking(end.stated_scans)
+        if lacking:
+            events.append([problem_event(end.name, lacking)])
+            log_note(lacking)
 
     def _describe(
         self, description: RunDescription, events: EventFile, snapshot: Snapshot | None

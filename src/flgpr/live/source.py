@@ -23,6 +23,7 @@ import numpy as np
 import xarray as xr
 
 from flgpr.door import DoorError, Folder
+from flgpr.json_text import parse_json
 from flgpr.store import ScanFileError, describe_for_live, encode_scan, read_description
 from flgpr.store.scan_file import (
     END_FILE,
@@ -47,8 +48,8 @@ class Arrival:
     """A description, a frame, the end, or an error that ends the watch.
 
     It came from ``name`` at ``when``, s since 1970. A frame that breaks the format has its
-    ScanFileError as ``value`` in place of ``data``; the end by a sender has the ``run_id`` of the
-    run that it described.
+    ScanFileError as ``value`` in place of ``data``; the end has what it says as JSON, and by a
+    sender the ``run_id`` of the run that it described.
     """
 
     kind: Literal["run", "frame", "end", "failed"]
@@ -56,6 +57,14 @@ class Arrival:
     when: float
     data: bytes = b""
     value: Any = None
+
+    @property
+    def stated_scans(self) -> int:
+        """Number of scans that an end states, 0 where it states none."""
+        with contextlib.suppress(ValueError, TypeError, KeyError):
+            scans = parse_json(self.data)["scans"]
+            return scans if isinstance(scans, int) else 0
+        return 0
 
 
 class ArrivalQueue(queue.Queue[Arrival]):
@@ -199,7 +208,10 @@ class FolderWatch(Source):
         # The end may be written before the last scans can be read: it is passed on after them.
         if END_FILE in names and not self._ended and not n_read and not self._growing:
             self._ended = True
-            self.inbox.put(Arrival("end", END_FILE, time.time()))
+            data = b""
+            with contextlib.suppress(OSError, DoorError):
+                data = Folder(self._folder).read(END_FILE)
+            self.inbox.put(Arrival("end", END_FILE, time.time(), data))
         self._stamp = stamp if is_settled and not n_read else -1
         return n_read > 0
 
