@@ -110,7 +110,7 @@ def test_scans_that_an_end_states_and_that_never_came_are_told(home, tmp_path):
     assert report.counts["missing"] == 0
     [told] = events(tmp_path / "out", "problem")
     assert told["name"] == "end.json"
-    words = f"the sender states {SCANS} scans, {SCANS - 2} came: 2 are missing"
+    words = f"the sender states {SCANS} scans, {SCANS - 2} came: 2 missing"
     assert told["words"] == words
     for odd in ("", "[]", '{"scans": "many"}', '{"scans": true}', "{}"):
         (incoming / "end.json").write_text(odd)

@@ -237,7 +237,7 @@ class Intake:
         came = len(self._came)
         if came >= stated:
             return ""
-        return f"the sender states {stated} scans, {came} came: {stated - came} are missing"
+        return f"the sender states {stated} scans, {came} came: {stated - came} missing"
 
     def judged(self, number: int, outcome: str, newest: int | None) -> None:
         """Count the outcome of an admitted scan.

@@ -173,7 +173,7 @@ class FolderWatch(Source):
         self._known = set(known or ())
         self._began = time.time()
         self._growing: dict[str, tuple[int, float]] = {}
-        self._cut: dict[str, int] = {}  # sizes of files that were handed over shorter than stated
+        self._cut: dict[str, int] = {}  # when files last changed that were handed over incomplete
         self._described = False
         self._ended = False
         self._stamp = -1
@@ -234,10 +234,10 @@ class FolderWatch(Source):
                     del files[name]
 
     def _take_up_grown(self) -> None:
-        """Read files once more that were too short for a while, and then grew."""
-        for name, size in list(self._cut.items()):
+        """Read files once more that were incomplete for a while, and then grew or were filled."""
+        for name, changed in list(self._cut.items()):
             with contextlib.suppress(OSError):
-                if os.lstat(self._folder / name).st_size != size:
+                if os.lstat(self._folder / name).st_mtime_ns != changed:
                     del self._cut[name]
                     self._known.discard(name)
 
@@ -270,7 +270,7 @@ class FolderWatch(Source):
             return False
         self._known.add(name)
         if _is_short(data, status.st_size):
-            self._cut[name] = status.st_size
+            self._cut[name] = status.st_mtime_ns
         when = max(status.st_ctime, self._began)
         return self.inbox.put(Arrival("frame", name, when, data))
 
@@ -289,7 +289,12 @@ class FolderWatch(Source):
 
 
 def _is_short(data: bytes, size: int) -> bool:
-    """Return whether a file of so many bytes is shorter than the header in its data states."""
+    """Return whether a file of so many bytes is shorter than the header in its data states.
+
+    One that ends in zeros, where its checksum belongs, is still filled in place.
+    """
+    if len(data) == size and not any(data[-4:]):
+        return True
     try:
         return frame_size(data) > size
     except TruncatedFrameError:
