@@ -104,6 +104,10 @@ LIVE_RECORDING = "live.mcap"  # made of the events when the run has ended, where
 _MOST_LATENCIES = 10_000  # of which percentiles are reported
 # Counts of what is as it should be; the others are faults.
 _NO_FAULT = ("received", "taken", "warm_up")
+_OTHER_OPTIONS = (
+    "it goes on with other options of the vehicle, the threshold, the anchor or worth: what was told "
+    "before stands as it was"
+)
 _ANOTHER_END = "a sender of another run ended: this run goes on"
 # By whether no earlier drive covers the road.
 _COVER = {
@@ -166,6 +170,12 @@ class LiveRun:
         }
         if options.before:
             self._identity["before"] = [read_manifest(run)["sha256"] for run in options.before]
+        # what alarms are told by, which a later process may change
+        self._told_by = {
+            "vehicle": self.vehicle.model_dump(),
+            "worth": options.worth,
+            "anchor": None if self._alarms.anchor is None else self._alarms.anchor.georeference(),
+        }
         self.output = Path(options.output)
         self.inbox = Inbox()
         self._latency: list[float] = []
@@ -433,13 +443,18 @@ class LiveRun:
         if snapshot is not None:
             self._names = restore_snapshot(snapshot, detector, intake, self._fingerprint)
             self._alarms.resume(detector.alarms.open)
-            self._started = detector.first_pose is not None
+            is_told_so = snapshot[0].get("told_by", self._told_by) == self._told_by
+            # Another start states what alarms are told by from here on.
+            self._started = detector.first_pose is not None and is_told_so
             resumed: ResumeEvent = {
                 "event": "resume",
                 "scan": detector.newest_number,
                 "counts": intake.counts,
             }
             events.append([resumed])
+            if not is_told_so:
+                events.append([problem_event("vehicle", _OTHER_OPTIONS)])
+                log_note(_OTHER_OPTIONS)
         cannot_judge = why_not(self._model.ground)
         if cannot_judge and (self._model.detector is not None or self._model.stages):
             log_note("; ".join(Comparison(cannot=cannot_judge).notes()))
@@ -582,7 +597,9 @@ class LiveRun:
         if self.options.incoming is not None and os.path.isdir(self.options.incoming):
             # Files that were removed cannot be read again and need not be remembered.
             self._names.intersection_update(os.listdir(self.options.incoming))
-        return take_snapshot(self._detector, self._intake, self._names, self._fingerprint)
+        snapshot = take_snapshot(self._detector, self._intake, self._names, self._fingerprint)
+        snapshot[0]["told_by"] = self._told_by
+        return snapshot
 
     def _finish(self, events: EventFile, writer: SnapshotWriter) -> LiveReport:
         """Write the last snapshot, the alarms and the report."""
