@@ -1,5 +1,6 @@
 """What the calibrations refuse, by the option that breaks its rule."""
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -9,6 +10,8 @@ from flgpr.commands.calibrate import (
     calibrate_permittivity,
     calibrate_range_bias,
 )
+from flgpr.model import make_run
+from flgpr.model.phase import path_phase
 from flgpr.store import save_run
 
 
@@ -24,12 +27,29 @@ def reflectors(tmp_path):
     return path
 
 
-@pytest.mark.parametrize("limits", [(5.0, 2.0), (4.0, 4.0), (0.5, 9.0)])
+@pytest.mark.parametrize("limits", [(5.0, 2.0), (4.0, 4.0), (0.5, 9.0), (2.0, float("inf"))])
 def test_permittivities_increase_from_that_of_air(limits, stored):
     with pytest.raises(
         ValueError, match=f"increase from 1 or more, got {limits[0]:g}, {limits[1]:g}"
     ):
         calibrate_permittivity(stored, limits=limits)
+
+
+def test_delays_below_a_hyperbola_are_doubted(tmp_path):
+    tones = 0.2e9 + 10e6 * np.arange(101)
+    pose = np.zeros((81, 6))
+    pose[:, 1] = 0.05 * np.arange(81)
+    way = 2 * np.sqrt(6.0) * np.hypot(pose[:, 1] - 1.5, 0.4)
+    signal = np.array([path_phase(tones, np.array([path])) for path in way])[:, None]
+    antenna = np.zeros((1, 3))
+    save_run(make_run(signal, tones, ["HH"], antenna, antenna, pose), tmp_path / "line.zarr")
+    fit = calibrate_permittivity(tmp_path / "line.zarr", delays=(1.0, 15.0), trials=21)
+    assert (fit.place, 1e9 * fit.delay) == pytest.approx((1.5, 6.5), abs=0.7)
+    assert fit.doubt == ""
+    below = calibrate_permittivity(tmp_path / "line.zarr", delays=(9.0, 15.0), trials=21)
+    assert below.doubt == ", the edge of the delays: do these hold the top of a hyperbola?"
+    with pytest.raises(ValueError, match="trials must be three or more that increase, got 1"):
+        calibrate_permittivity(tmp_path / "line.zarr", trials=1)
 
 
 @pytest.mark.parametrize("search", [0.0, -1.0, float("nan")])

@@ -124,6 +124,19 @@ def test_both_together_are_found_where_one_after_the_other_fails(folder, tmp_pat
     assert not kept["standing_part_removed"]
 
 
+def test_a_rate_at_the_edge_and_offsets_off_the_track_are_told(folder):
+    asked = ("clock", folder / "run.zarr", *AREA, "--offsets", 3.0, 5.4, "--step", 0.2)
+    told = flgpr(*asked, "--rate", 1, "--rate", 1.01)
+    assert told.exit_code == 0, told.stderr
+    assert "rate 1 lies at the edge of those tried" in told.stdout
+    assert "4 offsets were not tried: they put scans outside the track" in told.stdout
+    alone = json.loads(flgpr(*asked, "--json").stdout)
+    assert not alone["clock_rate_at_edge"]
+    assert alone["offsets_not_tried"] == 2
+    within = flgpr(*asked, "--rate", 0.9, "--rate", 1, "--rate", 1.1)
+    assert "edge" not in within.stdout
+
+
 def test_an_answer_not_to_be_trusted_is_refused_and_nothing_written(folder, tmp_path):
     def refused(match, *words):
         told = flgpr(*words, "-o", tmp_path / "no.zarr")

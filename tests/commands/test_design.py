@@ -27,6 +27,11 @@ def test_options_of_the_table_have_no_effect_on_the_page(options, rule, tmp_path
     assert not (tmp_path / "design.html").exists()
 
 
+def test_a_page_beside_the_table_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"`output` is of the page, .* got .*a\.html"):
+        design("sri-array", output=tmp_path / "a.html", signal_to_clutter=True)
+
+
 def test_the_page_has_no_json(tmp_path):
     done = CliRunner().invoke(
         app, ["design", "sri-array", "--json", "-o", str(tmp_path / "a.html")]

@@ -1,5 +1,7 @@
 """Options of ``flgpr live`` and ``flgpr feed``."""
 
+import signal
+
 import pytest
 from typer.testing import CliRunner
 
@@ -47,6 +49,31 @@ def test_a_speed_that_no_vehicle_has_is_refused(started):
     with pytest.raises(ValueError, match="speed must lie between 0 and 360 km/h, got 400"):
         live("scans", speed=400.0)
     assert started == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_first_signal_lets_a_run_end_and_the_second_one_ends_it(monkeypatch, number):
+    stops = []
+
+    class Building:
+        def __init__(self, options, emit):
+            pass
+
+        def run(self):
+            signal.raise_signal(number)
+            assert stops == ["asked"]
+            signal.raise_signal(number)
+            pytest.fail("it went on")
+
+        def stop(self):
+            stops.append("asked")
+
+    monkeypatch.setattr("flgpr.live.session.LiveRun", Building)
+    before = signal.getsignal(number)
+    with pytest.raises(KeyboardInterrupt):
+        live("scans")
+    assert stops == ["asked"]
+    assert signal.getsignal(number) is before
 
 
 def test_called_from_python_events_are_given_to_a_function_alone(started, capsys):

@@ -7,6 +7,7 @@ from typer.testing import CliRunner
 from flgpr.commands.app import app
 from flgpr.commands.run_report import model_info, run_info
 from flgpr.model import SPEED_OF_LIGHT
+from flgpr.recipe.schema import parse_recipe, recipe_text
 from flgpr.store import open_run, sample_lane, save_run
 from small_results import small_result
 
@@ -44,6 +45,16 @@ def test_coverage_lies_where_the_vehicle_heads(tmp_path):
     assert across["lane"]["x"] == pytest.approx(ahead["lane"]["y"])
     assert across["lane"]["y"] == pytest.approx(ahead["lane"]["x"])
     assert across["looks"]["unseen_share"] < 0.1
+
+
+def test_looks_beyond_the_run_view_of_a_recipe_are_none(tmp_path):
+    text = recipe_text("demo")
+    farthest = parse_recipe(text).run_view.y_max
+    near = tmp_path / "near.toml"
+    near.write_text(text.replace(f"y_max = {farthest}", f"y_max = {farthest - 4}"))
+    assert parse_recipe(near.read_text()).run_view.y_max == farthest - 4
+    looks = [run_info(RUN, recipe=recipe)["looks"]["mean"] for recipe in ("demo", near)]
+    assert looks[1] < 0.8 * looks[0]
 
 
 def test_a_run_without_a_complete_scan_is_refused(small_run, tmp_path):

@@ -41,12 +41,44 @@ def test_a_scene_is_drawn_or_simulated(tmp_path):
             marks=needs("flgpr_exchange"),
         ),
         ({}, "simulate needs `output` or `preview`, got neither"),
+        (
+            {"preview": "a.png", "truth": "t.csv"},
+            "`truth` does nothing where a scene is only drawn",
+        ),
+        (
+            {"output": "a.zarr", "workers": 3},
+            "`workers` does nothing where flgpr simulates a lane, got 3",
+        ),
+        pytest.param(
+            {"output": "a", "engine": "gprmax", "errors": False},
+            "`errors` does nothing where gprmax makes the output, got False",
+            marks=needs("flgpr_exchange"),
+        ),
     ],
 )
 def test_options_that_do_not_go_together_are_refused(options, rule, tmp_path):
     with pytest.raises(ValueError, match=rule):
         simulate_lane(tmp_path / "scene.toml", **options)
     assert not list(tmp_path.iterdir())
+
+
+def test_options_of_lanes_are_refused_beside_bodies():
+    with pytest.raises(ValueError, match="`seed` does nothing where bodies are listed, got 3"):
+        simulate_lane("signature", seed=3)
+    with pytest.raises(ValueError, match="`cells` does nothing where a body is computed, got 3"):
+        simulate_lane("signature", "tm-62p", cells=3.0)
+
+
+def test_what_a_scene_can_hardly_mean_and_errors_that_do_nothing_are_told(tmp_path):
+    scene = tmp_path / "scene.toml"
+    sensor = tmp_path / "sensor.toml"
+    scene.write_text(YARD + '[[targets]]\nkind = "metal"\nx = 9.0\ny = 2.0\n')
+    sensor.write_text(LOW.format(height=4.0, kind="horn") + "[errors]\nringing_db = -10\n")
+    doubt = "targets outside the lane, and not in the truth: 1 (T001)"
+    idle = "errors.ringing_db = -10.0 does nothing without ringing_frequencies"
+    asked = {"sensor": str(sensor), "output": tmp_path / "yard.zarr"}
+    assert simulate_lane(scene, **asked).lines == [doubt, idle]
+    assert simulate_lane(scene, preview=tmp_path / "yard.png").lines == [doubt]
 
 
 def test_bodies_are_listed_where_none_is_named():

@@ -261,7 +261,9 @@ def test_nmea(poor, repeated, turned, tmp_path):
     check_notes(
         track.attrs["notes"],
         "pitch and roll are taken as 0, which NMEA does not tell",
-        None if turned else "no sentence tells a heading: it is the direction of the way",
+        "HDT states no time: a heading has that of the position before it"
+        if turned
+        else "no sentence tells a heading: it is the direction of the way",
         f"{unused} of {fixes} fixes are not of quality (4,) and not used" if unused else None,
         f"{again} fixes whose time does not go on are not used" if again else None,
     )

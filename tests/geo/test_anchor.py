@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flgpr.geo.anchor import fit_anchor, own_anchor, read_anchor
+from flgpr.geo.anchor import check_same_place, fit_anchor, own_anchor, read_anchor
 from io_geodesy import AZIMUTH, LANE, distance, on_the_ellipsoid
 
 
@@ -215,3 +215,23 @@ def test_axes_to_west_and_south(code, negative, notes):
     assert distance(anchor.to_geodetic([[0, 0, 0]])[:, :2], lonlat[:1]).max() < 0.01
     assert math.degrees(anchor.azimuth) == pytest.approx(30.0, abs=0.05)
     assert any("the axes of EPSG" in note for note in notes.messages)
+
+
+HOME = {"longitude": 8.5, "latitude": 49.0, "azimuth": 30.0}
+
+
+@pytest.mark.parametrize(
+    ("other", "apart"),
+    [({"latitude": 49.1}, r"11,1\d\d"), ({"azimuth": 40.0}, "17"), ({"azimuth": -150.0}, "200")],
+)
+def test_a_lane_elsewhere_on_the_earth_is_not_the_same(other, apart):
+    with pytest.raises(
+        ValueError, match=rf"b.zarr: must be a run of the same lane.* lane {apart} m"
+    ):
+        check_same_place(HOME, HOME | other, "b.zarr")
+
+
+@pytest.mark.parametrize("other", [None, {}, "here", {"latitude": 49.00005}, {"height": 300.0}])
+def test_a_lane_a_few_metres_off_or_of_no_place_may_be_the_same(other):
+    check_same_place(HOME, HOME | other if isinstance(other, dict) and other else other, "b.zarr")
+    check_same_place(None, HOME, "b.zarr")

@@ -12,3 +12,5 @@ def test_a_point_is_seen_where_the_grid_of_a_scan_holds_it():
     poses[:, 1] = [0.0, 1.0, 2.0]
     points = np.array([[0.0, 3.0, 0.0], [0.0, 4.2, 0.0], [1.3, 3.0, 0.0], [0.0, 9.0, 0.0]])
     assert count_looks(poses, grid, points).tolist() == [2, 3, 0, 0]
+    assert count_looks(poses, grid, points, farthest=2.5).tolist() == [1, 1, 0, 0]
+    assert count_looks(poses, grid, points, farthest=9.0).tolist() == [2, 3, 0, 0]

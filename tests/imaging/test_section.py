@@ -68,3 +68,19 @@ def test_limits_that_do_not_increase_are_refused(run, along, delays):
 def test_a_section_of_what_was_not_recorded_is_refused(run, along, delays, words):
     with pytest.raises(ValueError, match=words):
         LineSection(run, along, delays)
+
+
+def test_where_a_section_is_focused_is_told_and_whether_it_is_an_edge_of_the_delays(run):
+    place, delay, is_edge = LineSection(run, None, (1e-9, 15e-9)).focus(PERMITTIVITY)
+    assert place == pytest.approx(PLACE, abs=0.04)
+    assert delay == pytest.approx(2 * np.sqrt(PERMITTIVITY) * DEPTH / SPEED_OF_LIGHT, abs=0.2e-9)
+    assert not is_edge
+    assert LineSection(run, None, (9e-9, 15e-9)).focus(PERMITTIVITY)[2]
+
+
+@pytest.mark.parametrize("z", [0.9, -0.9])
+def test_antennas_off_the_ground_are_refused(run, z):
+    lifted = run.assign(pose=run["pose"] + np.array([0, 0, z, 0, 0, 0]))
+    rule = rf"antennas must be on level ground, z = 0 to 0\.1 m, half a wavelength, got z = {z} m"
+    with pytest.raises(ValueError, match=rule):
+        LineSection(lifted, None, (1e-9, 15e-9))

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from driven_twice import FREQUENCY, drive
+from flgpr.commands.detect import detect
+from flgpr.jobs.job import make_job
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.feeding import feed
 from flgpr.live.intake import Intake
@@ -236,3 +238,34 @@ def test_an_earlier_drive_that_tells_nothing_is_refused_before_the_first_scan(ho
                 home / "recipe.toml", home / "two", home / "incoming", before=[home / "two.zarr"]
             )
         )
+
+
+def test_an_earlier_drive_of_another_place_on_the_earth_is_refused(home, before, today):
+    place = {"longitude": 8.5, "latitude": 49.0, "azimuth": 30.0}
+    save_run(before.assign_attrs(georeference=place | {"latitude": 49.1}), home / "far.zarr")
+    save_run(today.assign_attrs(georeference=place), home / "here.zarr")
+    rule = "far.zarr: must be a run of the same lane, within 10 m"
+    with pytest.raises(ValueError, match=rule):
+        detect(home / "here.zarr", output=home / "found", before=[home / "far.zarr"])
+    feed(home / "here.zarr", home / "here", float("inf"))
+    with pytest.raises(ValueError, match=rule):
+        live(home, "elsewhere", incoming=home / "here", before=[home / "far.zarr"])
+
+
+def test_a_tone_at_fault_on_one_day_is_left_out_of_both(home, before, today):
+    """The images of both days are compared tone by tone, and a stored run without one has fewer."""
+    broken = before.copy(deep=True)
+    broken["signal"].values[..., 20] *= (
+        np.exp(2j * np.pi * np.random.default_rng(1).random(broken["signal"].values[..., 20].shape))
+        * 100
+    )
+    save_run(broken, home / "noisy.zarr")
+    recipe = (home / "recipe.toml").read_text()
+    for run, other in (("today", "noisy"), ("noisy", "today")):
+        beside = {"before": home / f"{other}.zarr"}
+        job = make_job(home / f"{run}.zarr", recipe, LANE, home / "result", others=beside)
+        assert job.health.left_out.tones == job.left_out_of_others[0].tones == (20,)
+    _, lines = live(home, "noisy", before=[home / "noisy.zarr"])
+    told = [line["words"] for line in lines if line.get("name") == "before"]
+    assert "1 tone left out" in told[0]
+    assert "dB of the images)" in told[-1]

@@ -100,6 +100,44 @@ def test_a_run_is_played_to_its_end(whole, home):
     assert json.loads((folder / "live.json").read_text())["counts"] == report.counts
 
 
+def test_another_speed_after_a_restart_is_told_and_states_a_start_anew(home, tmp_path):
+    incoming = tmp_path / "incoming"
+    last = sorted((home / "incoming").glob("*.scan"))[-4:]
+    shutil.copytree(home / "incoming", incoming, ignore=lambda *_: [one.name for one in last])
+    out = tmp_path / "out"
+    LiveRun(options(home, out, incoming=incoming, vehicle=Vehicle(speed=2.0))).run()
+    for one in last[:2]:
+        shutil.copy(one, incoming)
+    LiveRun(options(home, out, incoming=incoming, vehicle=Vehicle(speed=2.0))).run()
+    told = [line["name"] for line in events(out, "problem")]
+    assert told == ["end.json"] * 2
+    assert len(events(out, "start")) == 1
+    for one in last[2:]:
+        shutil.copy(one, incoming)
+    LiveRun(options(home, out, incoming=incoming, vehicle=Vehicle(speed=9.0))).run()
+    [other] = [line for line in events(out, "problem") if line["name"] == "vehicle"]
+    assert other["words"].startswith("it goes on with other options of the vehicle")
+    assert [line["vehicle"]["speed"] for line in events(out, "start")] == [2.0, 9.0]
+
+
+def test_scans_that_an_end_states_and_that_never_came_are_told(home, tmp_path):
+    """The last ones were lost: no number between others is missing."""
+    incoming = tmp_path / "incoming"
+    shutil.copytree(home / "incoming", incoming)
+    for name in sorted(incoming.glob("*.scan"))[-2:]:
+        name.unlink()
+    report = LiveRun(options(home, tmp_path / "out", incoming=incoming)).run()
+    assert report.counts["missing"] == 0
+    [told] = events(tmp_path / "out", "problem")
+    assert told["name"] == "end.json"
+    words = f"the sender states {SCANS} scans, {SCANS - 2} came: 2 missing"
+    assert told["words"] == words
+    for odd in ("", "[]", '{"scans": "many"}', '{"scans": true}', "{}"):
+        (incoming / "end.json").write_text(odd)
+        LiveRun(options(home, tmp_path / "odd", incoming=incoming, fresh=True)).run()
+        assert events(tmp_path / "odd", "problem") == []
+
+
 def test_alarm_lines_tell_place_confidence_and_what_is_left(whole, home):
     folder = whole[0]
     vehicle = Vehicle(speed=15 / 3.6, front=0.4)

@@ -223,6 +223,27 @@ def test_a_scan_in_two_halves_seconds_apart_is_read_when_it_is_whole():
     machine.teardown()
 
 
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_a_file_of_zeros_is_read_when_it_has_been_filled_in_place(share):
+    """Its size never changes; how much stood there when it was looked at first does not matter."""
+    machine = WatchMachine()
+    frame = machine.frame(3)
+    begun = int(share * len(frame))
+    path = machine.folder / scan_name(3)
+    path.write_bytes(frame[:begun] + bytes(len(frame) - begun))
+    machine.watch._check()
+    arrivals = machine.watch.inbox.arrivals
+    assert [arrivals.get().kind for _ in range(arrivals.qsize())] == ["run"]
+    machine.ahead += 2.0
+    machine.watch._check()  # nothing came for a while: handed over as it is
+    with path.open("r+b") as file:
+        file.write(frame)
+    machine.watch._check()
+    data = [arrivals.get().data for _ in range(arrivals.qsize())]
+    assert data == [frame[:begun] + bytes(len(frame) - begun), frame]
+    machine.teardown()
+
+
 def test_a_folder_a_link_and_a_pipe_with_names_of_scans_are_told_and_counted(tmp_path):
     (tmp_path / "run.json").write_text(json.dumps(TINY.as_json()))
     (tmp_path / scan_name(0)).mkdir()

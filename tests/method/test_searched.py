@@ -5,6 +5,7 @@ import pytest
 
 from flgpr.method.sections import SEEN, describe_searched
 from flgpr.model import Lane
+from flgpr.recipe.fit import area_of
 from flgpr.recipe.schema import farthest_seen, lane_of, parse_recipe, seen_lane
 from small_lane import small_recipe, small_run
 
@@ -72,3 +73,12 @@ def test_a_lane_of_the_recipe_is_its_source(run, recipe):
     lane = lane_of(run, own)
     assert lane == Lane(-0.7, 0.7, 3.0, 9.0)
     assert describe_searched(run, own, lane, "")["source"] == "the recipe's lane"
+
+
+def test_a_lane_beside_the_run_view_is_refused(run, recipe):
+    left, right = recipe.run_view.x
+    for x_min, x_max in ((right, right + 2), (left - 2, left)):
+        with pytest.raises(ValueError, match="lane must reach into the run-view, x"):
+            area_of(run, recipe, Lane(x_min, x_max, 2.0, 6.0))
+    touching = Lane(right - 0.1, right + 2, 2.0, 6.0)
+    assert area_of(run, recipe, touching) == touching

@@ -67,3 +67,22 @@ def test_a_footprint_grows_with_the_height_and_is_kept_where_it_is_given():
         low(footprint=(1.0, -1.0, 2.0, 3.0))
     with pytest.raises(ValueError, match="footprint"):
         low(footprint="wide")
+
+
+def test_entries_of_the_errors_that_do_nothing_are_told():
+    for name in sensor_presets():
+        assert load_sensor(name).idle_errors() == []
+    idle = low(errors={"burst_probability": 0.3, "antenna_drift": 0.2}).idle_errors()
+    assert idle == [
+        "errors.antenna_drift = 0.2 does nothing without antenna_gain_db or antenna_phase or antenna_delay",
+        "errors.burst_probability = 0.3 does nothing without clutter_to_noise_db",
+    ]
+    on = {"ringing_db": 0.0, "ringing_frequencies": [1e9], "ringing_q": 9.0}
+    assert low(errors=on).idle_errors() == []
+
+
+def test_a_drift_of_the_signature_is_of_the_direct_wave_as_well():
+    drift = {"errors": {"self_signature_drift": 0.1}}
+    [idle] = low(**drift, direct_wave=False).idle_errors()
+    assert idle.endswith("self_signature_drift = 0.1 does nothing without self_signature_db")
+    assert low(**drift, direct_wave=True).idle_errors() == []

@@ -36,6 +36,13 @@ class ClockFit:
     lowest: float  #: least sharpness of the offsets given; the greatest must stand out from it
     trials: pd.DataFrame  #: all trials: offset (s), rate, sharpness
     doubt: str  #: why the answer is not to be trusted; empty if it is
+    skipped: int = 0  #: offsets given that leave the track, at all rates: they were not tried
+
+    @property
+    def rate_at_edge(self) -> bool:
+        """Whether a better rate may lie beyond those that were tried."""
+        rates = self.trials["rate"]
+        return bool(rates.min() < rates.max()) and self.rate in (rates.min(), rates.max())
 
 
 def with_track(
@@ -152,7 +159,8 @@ def estimate_clock(
     lowest = float(first_trials["sharpness"].min())
     # A single offset has no others to stand out from.
     doubt = _doubt(best, first_trials) if steps.size > 1 else ""
-    return ClockFit(best.offset, best.rate, lowest, pd.DataFrame(trials), doubt)
+    skipped = steps.size * floats(rates).size - len(first_trials)
+    return ClockFit(best.offset, best.rate, lowest, pd.DataFrame(trials), doubt, skipped)
 
 
 class _Trial(NamedTuple):

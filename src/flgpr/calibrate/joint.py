@@ -47,6 +47,7 @@ class BiasFit:
     #: per reflector: its position x, y, z, its image's peak (x_peak, y_peak), and its bias, m
     points: pd.DataFrame
     doubt: str  #: why the answer is not to be trusted; empty if it is
+    skipped: int = 0  #: offsets given that leave the track: they were not tried
 
 
 def estimate_range_bias(
@@ -192,6 +193,7 @@ def estimate_joint(
         searched=(float(biases[0]), float(biases[1])),
         points=table,
         doubt="",
+        skipped=0 if track is None else floats(offsets).size - tried.size,
     )
     return replace(fit, doubt=_doubt(fit, trials.best_at_edge(), tolerance, cell))
 

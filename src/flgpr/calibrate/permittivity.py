@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -22,6 +23,9 @@ class GroundFit:
     permittivity: float
     contrast: float  #: sharpness there over the median of all trials
     trials: pd.DataFrame  #: permittivity, sharpness
+    place: float = math.nan  #: m along the line, of the brightest point that is focused
+    delay: float = math.nan  #: its delay, s
+    doubt: str = ""  #: why the answer may be that of no hyperbola; empty if there is none
 
 
 def estimate_permittivity(

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
@@ -45,6 +47,8 @@ def _clock_lines(fit: ClockFit, call: Arguments) -> Iterator[Any]:
     best = float(fit.trials["sharpness"].max())
     yield f"clock offset {fit.offset:.4f} s, rate {fit.rate:g}, from {len(fit.trials)} trials"
     yield f"sharpness there is {best / fit.lowest:.2f} times the least of the trial offsets"
+    if fit.rate_at_edge:
+        yield f"rate {fit.rate:g} lies at the edge of those tried: a better one may lie beyond"
     yield from _last_lines(fit, call)
 
 
@@ -55,7 +59,9 @@ def _clock_json(fit: ClockFit, call: Arguments) -> Entries:
         "clock_rate": fit.rate,
         "sharpness": float(fit.trials["sharpness"].max()),
         "least_sharpness": fit.lowest,
+        "clock_rate_at_edge": fit.rate_at_edge,
         "trials": len(fit.trials),
+        "offsets_not_tried": fit.skipped,
         "standing_part_removed": not call.keep_standing,
     }
 
@@ -88,7 +94,11 @@ def _bias_json(fit: BiasFit, call: Arguments) -> Entries:
     """Return the figures of a bias, with those of the clock if it was estimated."""
     figures: Entries = {}
     if fit.offset is not None:
-        figures |= {"clock_offset_s": fit.offset, "clock_offset_sigma_s": fit.offset_sigma}
+        figures |= {
+            "clock_offset_s": fit.offset,
+            "clock_offset_sigma_s": fit.offset_sigma,
+            "offsets_not_tried": fit.skipped,
+        }
     return figures | {
         "range_bias_m": fit.bias,
         "range_bias_sigma_m": fit.bias_sigma,
@@ -107,6 +117,8 @@ def _last_lines(fit: ClockFit | BiasFit, call: Arguments) -> Iterator[Any]:
     """Yield whether the search was with what is the same in all scans, and the store."""
     outcome = "kept" if call.keep_standing else "left out of the search"
     yield f"what stands still in the scans (coupling, the vehicle's own echoes) was {outcome}"
+    if fit.skipped:
+        yield f"{fit.skipped} offsets were not tried: they put scans outside the track"
     yield from written(fit, call)
 
 
@@ -270,10 +282,14 @@ def calibrate_joint(
     return fit
 
 
+_BEYOND = ", the edge of the delays: do these hold the top of a hyperbola?"
+
+
 def _permittivity_lines(fit: GroundFit, _: Arguments) -> Iterator[str]:
     """Yield the permittivity and how far it stands out."""
     yield f"permittivity {fit.permittivity:.2f}: {_speed(fit):.4f} m/ns"
     yield f"sharpness there is {fit.contrast:.2f} times the median of all trials"
+    yield f"what focuses best lies at {fit.place:.2f} m, {1e9 * fit.delay:.3g} ns{fit.doubt}"
 
 
 def _permittivity_json(fit: GroundFit, _: Arguments) -> dict[str, float]:
@@ -282,6 +298,9 @@ def _permittivity_json(fit: GroundFit, _: Arguments) -> dict[str, float]:
         "permittivity": fit.permittivity,
         "speed_m_per_ns": _speed(fit),
         "sharpness_over_median": fit.contrast,
+        "place_m": fit.place,
+        "delay_ns": 1e9 * fit.delay,
+        "at_edge": bool(fit.doubt),
     }
 
 
@@ -329,9 +348,11 @@ def calibrate_permittivity(
     from flgpr.store import open_run
 
     low, high = limits
-    if not 1 <= low < high:
+    if not 1 <= low < high < math.inf:
         raise ValueError(f"limits must increase from 1 or more, got {low:g}, {high:g}")
     # In equal ratios: it is the relative change of the speed that defocuses.
-    values = [low * (high / low) ** (k / (trials - 1)) for k in range(trials)]
+    values = [low * (high / low) ** (k / max(trials - 1, 1)) for k in range(trials)]
     section = LineSection(open_run(run), along, (delays[0] * 1e-9, delays[1] * 1e-9))
-    return estimate_permittivity(section.image, values, track or silent)
+    fit = estimate_permittivity(section.image, values, track or silent)
+    place, delay, is_edge = section.focus(fit.permittivity)
+    return replace(fit, place=place, delay=delay, doubt=_BEYOND if is_edge else "")

@@ -142,6 +142,10 @@ def design(
 
         question = Question(band, window, site, depths[0], rms)
         return design_report(sensors, output, question, track or silent)
+    if "output" in options_given(design, asked):
+        raise ValueError(
+            f"`output` is of the page, which signal_to_clutter leaves out, got {output}"
+        )
     from flgpr.design import signal_to_clutter as formulas
     from flgpr.design.grounds import ground_model
     from flgpr.model import load_sensor

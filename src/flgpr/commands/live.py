@@ -95,14 +95,23 @@ def _page(call: Arguments) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _stopped_by_signals(run: LiveRun) -> Iterator[None]:
-    """On an interrupt finish the scan in hand and write the last snapshot."""
+    """On an interrupt finish the scan in hand and write the last snapshot; a second one ends it."""
     if threading.current_thread() is not threading.main_thread():
         yield  # Python delivers signals to the main thread alone
         return
 
+    is_asked = threading.Event()
+
+    def stop(*_: Any) -> None:
+        """Let the run end; asked again, even while it builds its detector, it ends at once."""
+        if is_asked.is_set():
+            raise KeyboardInterrupt
+        is_asked.set()
+        run.stop()
+
     previous_handlers = {}
     for number in (signal.SIGINT, signal.SIGTERM):
-        previous_handlers[number] = signal.signal(number, lambda *_: run.stop())
+        previous_handlers[number] = signal.signal(number, stop)
     try:
         yield
     finally:

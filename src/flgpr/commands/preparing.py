@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
+import numpy as np
 import xarray as xr
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -19,13 +20,16 @@ from flgpr.clutter import (
     time_gain,
 )
 from flgpr.door import read_named
+from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.faults import first_fault, parse_entries
 from flgpr.store import MAX_MEMORY, open_run, save_run
 from flgpr.store.files import existing
+from flgpr.store.notes import log_note
 from flgpr.types import PathLike
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+_SAME_PLACE = 0.1  # of the shortest wavelength; assumed
 _COPIES = 4  # of the signal, while a step is at work
 
 
@@ -46,7 +50,22 @@ class Subtract(_Step):
     run: str
 
     def apply(self, run: xr.Dataset) -> xr.Dataset:  # noqa: D102
-        return subtract_run(run, open_run(self.run).compute())
+        other = open_run(self.run).compute()
+        difference = subtract_run(run, other)
+        if run.sizes["scan"] != other.sizes["scan"]:
+            log_note(
+                f"{self.run} has {other.sizes['scan']} scans beside {run.sizes['scan']}: the mean of "
+                "its complete ones is subtracted from all"
+            )
+            return difference
+        apart = np.linalg.norm((run["pose"].values - other["pose"].values)[:, :3], axis=1)
+        elsewhere = apart > _SAME_PLACE * SPEED_OF_LIGHT / float(run["frequency"].values[-1])
+        if elsewhere.any():
+            log_note(
+                f"{self.run}: {elsewhere.sum()} of {apart.size} scans were taken elsewhere, up to "
+                f"{np.nanmax(apart):.3g} m from those that they are subtracted from"
+            )
+        return difference
 
 
 class TimeZero(_Step):

@@ -156,11 +156,13 @@ def _coverage(
     With images of all scans together there is a single look, from the middle of the aperture.
     """
     scan_poses = run["pose"].values[complete_scans(run)]
+    farthest = math.inf
     if recipe is None:
         grid = grid_ahead(run, poses)
         lane = covered_ground(grid, scan_poses)
     else:
         grid = recipe.image.grid()
+        farthest = recipe.run_view.y_max  # beyond it a detection takes no look
         lane = lane_of(run, recipe)
         if recipe.image.frames == "all":
             scan_poses = aperture_pose(run)[None]
@@ -170,7 +172,7 @@ def _coverage(
     cell = max(width / _MAP_COLUMNS, length / _MAP_ROWS)
     coarse = Grid.spanning((lane.x_min, lane.x_max), (lane.y_min, lane.y_max), cell)
 
-    counts = count_looks(scan_poses, grid, coarse.points())
+    counts = count_looks(scan_poses, grid, coarse.points(), farthest)
     return lane, xr.DataArray(counts, dims=("y", "x"), coords={"y": coarse.y, "x": coarse.x})
 
 

@@ -155,6 +155,8 @@ def options_given(
 
 def _differs(value: Any, default: Any) -> bool:
     """Return whether an argument says anything; nothing may come as None or an empty list."""
+    if isinstance(value, Path):  # the command line makes one of a default, too
+        return str(value) != str(default)
     if isinstance(value, bool | int | float | str | tuple | list):
         return value != default and value not in ((), [])
     return value is not None and value is not default

@@ -7,17 +7,21 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
 from flgpr.commands.options import PathLike, Progress, output_option
-from flgpr.commands.shell import Arguments, command
+from flgpr.commands.shell import Arguments, command, options_given
 
 if TYPE_CHECKING:
     from flgpr.model import Sensor
 
 _OWN_ENGINE = "flgpr"
+_OF_SIGNATURES = {"scene", "body", "output", "workers"}
+_OF_DRAWINGS = {"scene", "sensor", "seed", "drive", "worlds", "preview", "force"}
+_OF_DECKS = _OF_DRAWINGS | {"output", "engine", "cells", "max_cells"}
+_OF_LANES = _OF_DRAWINGS | {"output", "errors", "truth", "restart"}
 
 
 @dataclass(frozen=True)
@@ -123,13 +127,16 @@ def simulate_lane(
     FileExistsError
         If another lane is at the output.
     """
+    asked = locals()
     from flgpr.progress import silent
 
     if str(scene) == "signature":
         from flgpr.commands.simulation import list_bodies, make_signature
 
         if body is None:
+            _refuse_idle(asked, {"scene"}, "bodies are listed")
             return SimulationOutput([], list_bodies())
+        _refuse_idle(asked, _OF_SIGNATURES, "a body is computed")
         return SimulationOutput(make_signature(body, output, workers, track or silent), [])
     if body is not None:
         raise ValueError(f"only simulate signature takes a second argument, got {body!r}")
@@ -140,11 +147,18 @@ def simulate_lane(
         )
     if output is None and preview is None:
         raise ValueError("simulate needs `output` or `preview`, got neither")
+    if output is None:
+        _refuse_idle(asked, _OF_DRAWINGS, "a scene is only drawn")
+    elif engine == _OWN_ENGINE:
+        _refuse_idle(asked, _OF_LANES, "flgpr simulates a lane")
+    else:
+        _refuse_idle(asked, _OF_DECKS, f"{engine} makes the output")
     from flgpr.commands.simulation import ground_echo_lines, write_preview
     from flgpr.jobs.simulated_lane import simulate_to_store
     from flgpr.simulate import load_scene
     from flgpr.simulate.effort import check_effort
     from flgpr.simulate.scene.randomised import draw_into, load_worlds
+    from flgpr.simulate.scene.scene_doubts import scene_doubts
 
     loaded_scene = load_scene(scene).at_drive(drive)
     array = _array(sensor)
@@ -154,6 +168,9 @@ def simulate_lane(
         lines.append(f"drawn by seed {seed}: {', '.join(drawn)}")
     is_simulated = output is not None and engine == _OWN_ENGINE
     check_effort(loaded_scene, array if is_simulated else None, force)
+    lines += scene_doubts(loaded_scene, seed)
+    if is_simulated and errors:
+        lines += array.idle_errors()
 
     paths = []
     if preview is not None:
@@ -179,6 +196,13 @@ def simulate_lane(
                 force=force,
             )
     return SimulationOutput(paths, lines)
+
+
+def _refuse_idle(asked: dict[str, Any], used: set[str], task: str) -> None:
+    """Refuse an option that does nothing in a task."""
+    for name in options_given(simulate_lane, asked):
+        if name not in used:
+            raise ValueError(f"`{name}` does nothing where {task}, got {asked[name]}")
 
 
 def _array(sensor: str) -> Sensor:

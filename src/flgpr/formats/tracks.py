@@ -308,6 +308,11 @@ def _read_log(path: Path, quality: tuple[int, ...], notes: Notes) -> _NmeaLog:
     stated = [kind for kind in HEADINGS if headings[kind]]
     if len(stated) > 1:
         notes.append(f"headings are those of {stated[0]}; {', '.join(stated[1:])} are not used")
+    if stated and not HEADINGS[stated[0]]:
+        notes.append(
+            f"{stated[0]} states no time: a heading has that of the position before it, one fix late "
+            "where the receiver sends it first"
+        )
     return _NmeaLog(fixes, headings[stated[0]] if stated else [], qualities)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,8 @@ from flgpr.types import ArrayLike, FloatArray, floats
 
 _TURN = 360.0
 _HALF_TURN = 180.0
+_SAME_PLACE = 10.0  # m, what satellite receivers without a base may be off; assumed
+_COMPARED = 100.0  # m of a lane
 
 
 @dataclass(frozen=True)
@@ -290,6 +293,35 @@ def own_anchor(reference: Mapping[str, Any]) -> Anchor:
         values.append(float(value))
     longitude, latitude, azimuth, height = (*values, 0.0)[:4]
     return anchor_at((longitude, latitude, height), math.radians(azimuth), heights_known)
+
+
+def check_same_place(reference: Any, other: Any, what: object) -> None:
+    """Refuse a run, called ``what``, whose lane lies elsewhere on the Earth than that of another run.
+
+    Parameters
+    ----------
+    reference, other : mapping or None
+        Attributes ``georeference`` of the run that it is taken with, and of the run itself. Heights
+        do not count, and one that is missing or broken tells nothing.
+
+    Raises
+    ------
+    ValueError
+        If the first 100 m of the lanes come to lie more than 10 m apart.
+    """
+    ends = [(0.0, 0.0, 0.0), (0.0, _COMPARED, 0.0)]
+    places = []
+    for one in (reference, other):
+        with suppress(ValueError, TypeError):
+            places.append(own_anchor({**one, "height": None}).to_geocentric(ends))
+    if len(places) < 2:
+        return
+    apart = float(np.linalg.norm(places[0] - places[1], axis=-1).max())
+    if apart > _SAME_PLACE:
+        raise ValueError(
+            f"{what}: must be a run of the same lane, within {_SAME_PLACE:g} m on the Earth, got one "
+            f"whose georeference puts the lane {apart:,.0f} m from there"
+        )
 
 
 def anchor_at(

@@ -212,10 +212,11 @@ def _kept(signal: NDArray[Any], radar: Radar, left_out: LeftOut) -> ComplexArray
     return np.delete(kept, left_out.pairs, axis=1)[..., looked_at(radar.frequency)]
 
 
-def without(run: xr.Dataset, left_out: LeftOut) -> xr.Dataset:
+def without(run: xr.Dataset, left_out: LeftOut, silent_tones: bool = False) -> xr.Dataset:
     """Return a run without pairs and tones.
 
-    A sweep whose faulty tones are left out is there again: it is read for it.
+    A sweep whose faulty tones are left out is there again: it is read for it. With ``silent_tones``
+    the tones stay, as zeros, where a run beside has all of them.
 
     Parameters
     ----------
@@ -223,9 +224,17 @@ def without(run: xr.Dataset, left_out: LeftOut) -> xr.Dataset:
         A run.
     left_out : LeftOut
         Numbers of its pairs and tones.
+    silent_tones : bool
+        Whether its tones are set to zero in place.
     """
     if not left_out:
         return run
+    if silent_tones:
+        faulty = list(left_out.tones)
+        kept = without(run, LeftOut(left_out.pairs)).compute()
+        kept["signal"].values[..., faulty] = 0
+        finite = np.isfinite(kept["signal"].values).all(axis=-1)
+        return kept.assign(valid=(kept["valid"].dims, finite)) if faulty else kept
     pairs = np.setdiff1d(np.arange(run.sizes["pair"]), left_out.pairs)
     tones = np.setdiff1d(np.arange(run.sizes["frequency"]), left_out.tones)
     kept = run.isel(pair=pairs, frequency=tones)

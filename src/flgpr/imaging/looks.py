@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from flgpr.model import Grid, lane_to_scan
 from flgpr.types import ArrayLike, FloatArray, IntArray
 
 
-def count_looks(poses: FloatArray, grid: Grid, points: ArrayLike) -> IntArray:
+def count_looks(
+    poses: FloatArray, grid: Grid, points: ArrayLike, farthest: float = math.inf
+) -> IntArray:
     """Count the scans whose image holds each point.
 
     Parameters
@@ -19,6 +23,8 @@ def count_looks(poses: FloatArray, grid: Grid, points: ArrayLike) -> IntArray:
         Pixels of the scan images.
     points : (..., 3) array_like
         Points of the lane frame, m.
+    farthest : float
+        Distance ahead beyond which an image does not count, m.
 
     Returns
     -------
@@ -27,6 +33,7 @@ def count_looks(poses: FloatArray, grid: Grid, points: ArrayLike) -> IntArray:
     """
     count = np.zeros(np.shape(points)[:-1], dtype=np.int64)
     x_min, x_max, y_min, y_max = grid.extent()
+    y_max = min(y_max, farthest)
     for pose in poses:
         local = lane_to_scan(points, pose)
         inside_x = (local[..., 0] >= x_min) & (local[..., 0] <= x_max)

@@ -14,6 +14,7 @@ from flgpr.model import SPEED_OF_LIGHT, unambiguous_path
 from flgpr.types import ComplexArray
 
 _SPACING = 0.03  # m along the line; assumed
+_HIGHEST = 0.5  # wavelengths in the middle of the band, of antennas on the ground; assumed
 _TOLERANCE = 1e-2  # of the images, which are only compared with one another
 
 
@@ -32,8 +33,8 @@ class LineSection:
     Raises
     ------
     ValueError
-        If limits do not increase, the stretch lies off the line, or the delays lie beyond the record,
-        after which echoes come round again.
+        If limits do not increase, the stretch lies off the line, the delays lie beyond the record,
+        after which echoes come round again, or antennas are off the ground.
     """
 
     def __init__(
@@ -41,6 +42,15 @@ class LineSection:
     ) -> None:
         scans = chosen_scans(run, None)
         pose = run["pose"].values[scans]
+        frequency = run["frequency"].values
+        antennas = np.concatenate([run["tx_position"].values, run["rx_position"].values])
+        height = float(np.median(pose[:, 2]) + antennas[:, 2].min())
+        most = _HIGHEST * SPEED_OF_LIGHT / float(frequency.mean())
+        if abs(height) > most:
+            raise ValueError(
+                f"antennas must be on level ground, z = 0 to {most:.2g} m, half a wavelength, got z = "
+                f"{height:.3g} m"
+            )
         self._axis = int(np.ptp(pose[:, 1]) >= np.ptp(pose[:, 0]))
         position = pose[:, self._axis]
         low, high = along or (float(position.min()), float(position.max()))
@@ -54,7 +64,7 @@ class LineSection:
                 f"along must hold a part of the line, {position.min():g} to {position.max():g} m, got "
                 f"{low:g} to {high:g} m"
             )
-        record = unambiguous_path(run["frequency"].values) / SPEED_OF_LIGHT
+        record = unambiguous_path(frequency) / SPEED_OF_LIGHT
         if delays[0] >= record:
             raise ValueError(
                 f"delays must begin within the record of {record:.4g} s, got {delays[0]:g} s"
@@ -62,7 +72,7 @@ class LineSection:
         self._run = run
         self._middle = (pose[:, 0].mean(), pose[:, 1].mean())
         self._along = np.linspace(low, high, max(round((high - low) / _SPACING), 2))
-        self._delay = np.arange(*delays, 1 / (4 * run["frequency"].values[-1]))
+        self._delay = np.arange(*delays, 1 / (4 * frequency[-1]))
         self._weights = scan_weights(run, scans)
         self._blocks = aperture_blocks(run, scans)
 
@@ -82,3 +92,15 @@ class LineSection:
             window="hann",
             tolerance=_TOLERANCE,
         )
+
+    def focus(self, permittivity: float) -> tuple[float, float, bool]:
+        """Return where along the line (m) and at which delay (s) the section is brightest.
+
+        It is looked for without what is the same all along the line; the last value says whether it
+        lies at an edge of the delays, from beyond which its echo may come.
+        """
+        image = self.image(permittivity)
+        power = (np.abs(image - image.mean(axis=-1, keepdims=True)) ** 2).sum(axis=0)
+        row, column = np.unravel_index(int(power.argmax()), power.shape)
+        is_edge = row in (0, len(self._delay) - 1)
+        return float(self._along[column]), float(self._delay[row]), is_edge

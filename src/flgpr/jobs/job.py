@@ -27,6 +27,7 @@ from flgpr.method.unlike import Trust
 from flgpr.model import Lane
 from flgpr.recipe.fit import area_of
 from flgpr.recipe.schema import Recipe, parse_recipe
+from flgpr.stages.earlier import BEFORE
 from flgpr.store import (
     MAX_MEMORY,
     open_run,
@@ -234,15 +235,27 @@ def make_job(
     borders, lane_source = choose_lane(run, lane, parsed)
     stored = open_run(run, options.max_memory)
     health = health_of_run(stored, borders or (None if parsed.lane is None else parsed.lane.lane()))
-    area = area_of(without(stored, health.left_out), parsed, borders)
     other_runs = []
-    left_out_of_others = []
+    left_out_of_others: list[LeftOut] = []
+    of_before = []  # numbers of earlier drives of the same tones
     for name, path in (others or {}).items():
         other_runs.append((name, absolute(path), read_manifest(path)["sha256"]))
-        judged = health_of_run(open_run(path, options.max_memory))
+        other = open_run(path, options.max_memory)
+        judged = health_of_run(other)
+        if name.partition("-")[0] == BEFORE and other["frequency"].equals(stored["frequency"]):
+            of_before.append(len(left_out_of_others))
         findings = tuple(one.of_run(name) for one in judged.findings)
         health = replace(health, findings=health.findings + findings)
         left_out_of_others.append(judged.left_out)
+    # Earlier drives predict images by the same tones: what is faulty in one is left out of all.
+    faulty = set(health.left_out.tones)
+    for number in of_before:
+        faulty |= set(left_out_of_others[number].tones)
+    tones = tuple(sorted(faulty))
+    health = replace(health, left_out=replace(health.left_out, tones=tones))
+    for number in of_before:
+        left_out_of_others[number] = replace(left_out_of_others[number], tones=tones)
+    area = area_of(without(stored, health.left_out), parsed, borders)
     truth_and_digest = ("", "")
     if truth is not None:
         truth_and_digest = (absolute(truth), sha256(read_named(truth)))

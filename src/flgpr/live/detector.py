@@ -33,7 +33,7 @@ from flgpr.method.model import Detector, Model, as_model, unlearnt
 from flgpr.method.steps import CleanedImages
 from flgpr.model import Grid, Lane, lane_to_scan, vehicle_to_scan
 from flgpr.model.plausible import PoseGate, Sighting, Verdict
-from flgpr.recipe.fit import alias_faults, check_channels
+from flgpr.recipe.fit import alias_faults, check_channels, check_reached
 from flgpr.recipe.schema import Recipe, course_lane
 from flgpr.screen import (
     look_weight,
@@ -118,12 +118,8 @@ class LiveDetector:
         if self.lane is None and recipe.lane is not None:
             self.lane = recipe.lane.lane()
         check_causal(recipe)
-        left, right = recipe.run_view.x
-        if self.lane is not None and (self.lane.x_max <= left or self.lane.x_min >= right):
-            raise ValueError(
-                f"lane must reach into the run-view, x {left:g} to {right:g} m, got x "
-                f"{self.lane.x_min:g} to {self.lane.x_max:g} m"
-            )
+        if self.lane is not None:
+            check_reached(recipe, self.lane)
         check_channels(recipe, description.polarization, description.frequency)
         unlearnt(recipe, self.model)
 

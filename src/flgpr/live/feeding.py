@@ -196,7 +196,7 @@ def feed(
                     wait(due)
             sink.scan(frame.scan, data, frame.is_repeat)
         if last == total:
-            sink.end(total)
+            sink.end(last - first)
     return len(frames)
 
 

@@ -95,6 +95,9 @@ class Numbers:
             return True
         return self.runs[0][0] - most <= number <= self.runs[-1][1] + most
 
+    def __len__(self) -> int:
+        return sum(last - first + 1 for first, last in self.runs)
+
     @property
     def missing(self) -> int:
         """How many lie between the first and the last and are not among them."""
@@ -228,6 +231,13 @@ class Intake:
         if fault:
             outcome = "it was filled in from its neighbours'" if filled else "the scan was left out"
             self.pose_report = f"scan {number}: {fault}; {outcome}"
+
+    def lacking(self, stated: int) -> str:
+        """Return in words how many of the scans that a sender states at its end never came."""
+        came = len(self._came)
+        if came >= stated:
+            return ""
+        return f"the sender states {stated} scans, {came} came: {stated - came} missing"
 
     def judged(self, number: int, outcome: str, newest: int | None) -> None:
         """Count the outcome of an admitted scan.

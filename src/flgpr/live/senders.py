@@ -122,7 +122,7 @@ class FrameStream:
                 self._run_id = run.run_id
             return Arrival("run", SOCKET, now, value=description), size
         if frame.kind == "end":
-            return Arrival("end", SOCKET, now, value=self._run_id), size
+            return Arrival("end", SOCKET, now, canonical_json(frame.header), self._run_id), size
         self._run_id = str(frame.header.get("run", ""))
         return Arrival("frame", SOCKET, now, data), size
 

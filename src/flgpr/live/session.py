@@ -29,6 +29,7 @@ import xarray as xr
 import flgpr
 from flgpr.door import Folder, refuse_links
 from flgpr.geo import own_anchor, read_anchor
+from flgpr.geo.anchor import check_same_place
 from flgpr.health.findings import Finding
 from flgpr.health.of_run import health_of_run, without
 from flgpr.live.alarm_reports import AlarmReporter
@@ -103,6 +104,10 @@ LIVE_RECORDING = "live.mcap"  # made of the events when the run has ended, where
 _MOST_LATENCIES = 10_000  # of which percentiles are reported
 # Counts of what is as it should be; the others are faults.
 _NO_FAULT = ("received", "taken", "warm_up")
+_OTHER_OPTIONS = (
+    "it goes on with other options of the vehicle, the threshold, the anchor or worth: what was told "
+    "before stands as it was"
+)
 _ANOTHER_END = "a sender of another run ended: this run goes on"
 # By whether no earlier drive covers the road.
 _COVER = {
@@ -149,7 +154,7 @@ class LiveRun:
             run = open_run(path)
             check_earlier(run, path)
             health = health_of_run(run)
-            self._before[name] = without(run, health.left_out)
+            self._before[name] = without(run, health.left_out, silent_tones=True)
             self._of_before += [finding.of_run(name) for finding in health.findings]
         self._is_alone = False  # whether the newest scan lies near none of an earlier drive
         self._recipe: Recipe | None = None
@@ -165,6 +170,12 @@ class LiveRun:
         }
         if options.before:
             self._identity["before"] = [read_manifest(run)["sha256"] for run in options.before]
+        # what alarms are told by, which a later process may change
+        self._told_by = {
+            "vehicle": self.vehicle.model_dump(),
+            "worth": options.worth,
+            "anchor": None if self._alarms.anchor is None else self._alarms.anchor.georeference(),
+        }
         self.output = Path(options.output)
         self.inbox = Inbox()
         self._latency: list[float] = []
@@ -312,6 +323,7 @@ class LiveRun:
                 return arrival
             if arrival.kind == "end":
                 if not self._is_of_another(arrival):
+                    self._compare_count(arrival, events)
                     return None
                 events.append([problem_event(arrival.name, _ANOTHER_END)])
             elif arrival.kind == "run":
@@ -364,6 +376,13 @@ class LiveRun:
         described = "" if self._intake is None else self._intake.description.run_id
         return arrival.name == SOCKET and arrival.value not in ("", described)
 
+    def _compare_count(self, end: Arrival, events: EventFile) -> None:
+        """Tell of fewer scans than the end states: the first or the last ones may be missing."""
+        lacking = "" if self._intake is None else self._intake.lacking(end.stated_scans)
+        if lacking:
+            events.append([problem_event(end.name, lacking)])
+            log_note(lacking)
+
     def _describe(
         self, description: RunDescription, events: EventFile, snapshot: Snapshot | None
     ) -> None:
@@ -372,6 +391,10 @@ class LiveRun:
         Without a recipe the detector is built when a scan with a pose has come, see
         :meth:`_fit_recipe`, unless an earlier process has made one.
         """
+        anchor = self._alarms.anchor
+        own = description.attrs.get("georeference") if anchor is None else anchor.georeference()
+        for path, earlier in zip(self.options.before, self._before.values(), strict=True):
+            check_same_place(own, earlier.attrs.get("georeference"), path)
         recipe = self._recipe
         if recipe is None and not self.options.fresh:
             made_before = Folder(self.output).read_if_listed(RECIPE_FILE)
@@ -418,13 +441,18 @@ class LiveRun:
         if snapshot is not None:
             self._names = restore_snapshot(snapshot, detector, intake, self._fingerprint)
             self._alarms.resume(detector.alarms.open)
-            self._started = detector.first_pose is not None
+            is_told_so = snapshot[0].get("told_by", self._told_by) == self._told_by
+            # Another start states what alarms are told by from here on.
+            self._started = detector.first_pose is not None and is_told_so
             resumed: ResumeEvent = {
                 "event": "resume",
                 "scan": detector.newest_number,
                 "counts": intake.counts,
             }
             events.append([resumed])
+            if not is_told_so:
+                events.append([problem_event("vehicle", _OTHER_OPTIONS)])
+                log_note(_OTHER_OPTIONS)
         cannot_judge = why_not(self._model.ground)
         if cannot_judge and (self._model.detector is not None or self._model.stages):
             log_note("; ".join(Comparison(cannot=cannot_judge).notes()))
@@ -567,7 +595,9 @@ class LiveRun:
         if self.options.incoming is not None and os.path.isdir(self.options.incoming):
             # Files that were removed cannot be read again and need not be remembered.
             self._names.intersection_update(os.listdir(self.options.incoming))
-        return take_snapshot(self._detector, self._intake, self._names, self._fingerprint)
+        snapshot = take_snapshot(self._detector, self._intake, self._names, self._fingerprint)
+        snapshot[0]["told_by"] = self._told_by
+        return snapshot
 
     def _finish(self, events: EventFile, writer: SnapshotWriter) -> LiveReport:
         """Write the last snapshot, the alarms and the report."""
@@ -599,7 +629,8 @@ class LiveRun:
         if detector.earlier is not None:
             fit = detector.earlier.sentences()
             events.append([problem_event(BEFORE, sentence) for sentence in fit])
-            log_note("; ".join(fit))
+            if fit:
+                log_note("; ".join(fit))
         end: EndEvent = {"event": "end", "alarms": len(table), "latency": report.latency_ms}
         events.append([{**end, **counts}])
         stated_rate = rate if np.isfinite(rate) else None

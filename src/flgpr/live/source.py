@@ -23,6 +23,7 @@ import numpy as np
 import xarray as xr
 
 from flgpr.door import DoorError, Folder
+from flgpr.json_text import parse_json
 from flgpr.store import ScanFileError, describe_for_live, encode_scan, read_description
 from flgpr.store.scan_file import (
     END_FILE,
@@ -47,8 +48,8 @@ class Arrival:
     """A description, a frame, the end, or an error that ends the watch.
 
     It came from ``name`` at ``when``, s since 1970. A frame that breaks the format has its
-    ScanFileError as ``value`` in place of ``data``; the end by a sender has the ``run_id`` of the
-    run that it described.
+    ScanFileError as ``value`` in place of ``data``; the end has what it says as JSON, and by a
+    sender the ``run_id`` of the run that it described.
     """
 
     kind: Literal["run", "frame", "end", "failed"]
@@ -56,6 +57,14 @@ class Arrival:
     when: float
     data: bytes = b""
     value: Any = None
+
+    @property
+    def stated_scans(self) -> int:
+        """Number of scans that an end states, 0 where it states none."""
+        with contextlib.suppress(ValueError, TypeError, KeyError):
+            scans = parse_json(self.data)["scans"]
+            return scans if isinstance(scans, int) else 0
+        return 0
 
 
 class ArrivalQueue(queue.Queue[Arrival]):
@@ -164,7 +173,7 @@ class FolderWatch(Source):
         self._known = set(known or ())
         self._began = time.time()
         self._growing: dict[str, tuple[int, float]] = {}
-        self._cut: dict[str, int] = {}  # sizes of files that were handed over shorter than stated
+        self._cut: dict[str, int] = {}  # when files last changed that were handed over incomplete
         self._described = False
         self._ended = False
         self._stamp = -1
@@ -199,7 +208,10 @@ class FolderWatch(Source):
         # The end may be written before the last scans can be read: it is passed on after them.
         if END_FILE in names and not self._ended and not n_read and not self._growing:
             self._ended = True
-            self.inbox.put(Arrival("end", END_FILE, time.time()))
+            data = b""
+            with contextlib.suppress(OSError, DoorError):
+                data = Folder(self._folder).read(END_FILE)
+            self.inbox.put(Arrival("end", END_FILE, time.time(), data))
         self._stamp = stamp if is_settled and not n_read else -1
         return n_read > 0
 
@@ -222,10 +234,10 @@ class FolderWatch(Source):
                     del files[name]
 
     def _take_up_grown(self) -> None:
-        """Read files once more that were too short for a while, and then grew."""
-        for name, size in list(self._cut.items()):
+        """Read files once more that were incomplete for a while, and then grew or were filled."""
+        for name, changed in list(self._cut.items()):
             with contextlib.suppress(OSError):
-                if os.lstat(self._folder / name).st_size != size:
+                if os.lstat(self._folder / name).st_mtime_ns != changed:
                     del self._cut[name]
                     self._known.discard(name)
 
@@ -258,7 +270,7 @@ class FolderWatch(Source):
             return False
         self._known.add(name)
         if _is_short(data, status.st_size):
-            self._cut[name] = status.st_size
+            self._cut[name] = status.st_mtime_ns
         when = max(status.st_ctime, self._began)
         return self.inbox.put(Arrival("frame", name, when, data))
 
@@ -277,7 +289,12 @@ class FolderWatch(Source):
 
 
 def _is_short(data: bytes, size: int) -> bool:
-    """Return whether a file of so many bytes is shorter than the header in its data states."""
+    """Return whether a file of so many bytes is shorter than the header in its data states.
+
+    One that ends in zeros, where its checksum belongs, is still filled in place.
+    """
+    if len(data) == size and not any(data[-4:]):
+        return True
     try:
         return frame_size(data) > size
     except TruncatedFrameError:

@@ -158,6 +158,25 @@ class SystemErrors(Entries):
         return self
 
 
+_GOES_WITH = {
+    "isolation_bandwidth": ("isolation_db",),
+    "antenna_drift": ("antenna_gain_db", "antenna_phase", "antenna_delay"),
+    "ringing_db": ("ringing_frequencies",),
+    "ringing_q": ("ringing_db",),
+    "ringing_frequencies": ("ringing_db",),
+    "noise_range": ("clutter_to_noise_db", "self_signature_db"),
+    "noise_band": ("clutter_to_noise_db", "self_signature_db"),
+    "interference_tones": ("clutter_to_noise_db",),
+    "interference_db": ("interference_tones",),
+    "interference_width": ("interference_tones",),
+    "interference_scans": ("interference_tones",),
+    "burst_probability": ("clutter_to_noise_db",),
+    "burst_tones": ("burst_probability",),
+    "burst_db": ("burst_probability",),
+}
+"""Entries of the errors that do nothing unless one of others is on."""
+
+
 class Sensor(Entries):
     """An antenna array: every transmitter with every receiver, or the pairs of a scanned head."""
 
@@ -235,6 +254,22 @@ class Sensor(Entries):
     def has_direct_wave(self) -> bool:
         """Whether waves go straight from transmitters to receivers."""
         return self.is_low if self.direct_wave == "auto" else self.direct_wave
+
+    def idle_errors(self) -> list[str]:
+        """Return a line on each entry of ``errors`` that does nothing without another one."""
+        default = SystemErrors()
+        partners = dict(_GOES_WITH)
+        if not self.has_direct_wave:  # which drifts, too
+            partners["self_signature_drift"] = ("self_signature_db",)
+        is_on = {
+            name: getattr(self.errors, name) != getattr(default, name) for name in vars(default)
+        }
+        lines = []
+        for name, others in partners.items():
+            if is_on[name] and not any(is_on[other] for other in others):
+                value = getattr(self.errors, name)
+                lines.append(f"errors.{name} = {value} does nothing without {' or '.join(others)}")
+        return lines
 
     @property
     def ground_in_view(self) -> Footprint:

@@ -28,10 +28,22 @@ def area_of(run: xr.Dataset, recipe: Recipe, lane: Lane | None = None) -> Lane:
     Raises
     ------
     ValueError
-        If the recipe does not fit, see :func:`check_fit`.
+        If the recipe does not fit, see :func:`check_fit`, or the lane lies beside its run-view.
     """
     check_fit(run, recipe)
-    return lane if lane is not None else lane_of(run, recipe)
+    area = lane if lane is not None else lane_of(run, recipe)
+    check_reached(recipe, area)
+    return area
+
+
+def check_reached(recipe: Recipe, lane: Lane) -> None:
+    """Refuse a lane that lies beside the run-view of a recipe: no place of it would be searched."""
+    left, right = recipe.run_view.x
+    if lane.x_max <= left or lane.x_min >= right:
+        raise ValueError(
+            f"lane must reach into the run-view, x {left:g} to {right:g} m, got x {lane.x_min:g} to "
+            f"{lane.x_max:g} m"
+        )
 
 
 def check_fit(run: xr.Dataset, recipe: Recipe) -> None:
