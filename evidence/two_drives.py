@@ -153,6 +153,9 @@ def detect_as(
     entries: dict[str, Any], run: Path, before: list[Path], lane: Lane, result: Path
 ) -> None:
     """Run a detector on a drive, with what it is given of earlier ones."""
+    if entries.get("made"):
+        detect(run, output=result, report=False, before=before, lane=lane)
+        return
     in_all = entries["contrast"] == ALL
     imaged = json.dumps(DECLARED["polarization"] if in_all else [entries["channel"]])
     text = RECIPE.format(**entries, imaged=imaged)
