@@ -102,16 +102,3 @@ def test_a_confidence_that_no_stage_adds_is_refused():
     check_confidence(other, ["cnn"])
     with pytest.raises(ValueError, match="must be one of contrast, magnitude, rx, got 'cnn'"):
         check_confidence(other, ["rx"])
-
-
-def test_contrast_is_of_one_channel_or_of_the_root_mean_square_of_all_polarizations():
-    text, features = small_recipe().split("[features]\n")
-    text += features[features.index("\n[") :]
-    start = text.index("polarization", text.index("[contrast]"))
-    one = steps_of(text)
-    in_all = steps_of(text[:start] + 'polarization = "all"' + text[text.index("\n", start) :])
-    magnitude = np.random.default_rng(4).random((3, len(one.subbands), 5, 4)).astype(np.float32)
-    polarization, subband = one.channel(one.recipe.contrast)
-    np.testing.assert_array_equal(one.contrasted(magnitude), magnitude[polarization, subband])
-    power = (magnitude[:, subband].astype(float) ** 2).sum(axis=0) / 3
-    np.testing.assert_allclose(in_all.contrasted(magnitude), np.sqrt(power), rtol=1e-6)

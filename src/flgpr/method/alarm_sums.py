@@ -198,7 +198,8 @@ class AlarmSums:
             ten.add_all(images)
         for scan in scans:
             if self._contrast is not None:
-                self._contrast.add(self._steps.contrasted(scan.magnitude), scan.pose)
+                channel = self._steps.channel(self._steps.recipe.contrast)
+                self._contrast.add(scan.magnitude[channel], scan.pose)
             if self._stages:
                 image = self._steps.labelled(scan)
                 for stage in self._stages.values():

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, assert_never
 
-import numpy as np
 import pandas as pd
 import xarray as xr
 
@@ -20,7 +19,7 @@ from flgpr.imaging.scan import blank_image
 from flgpr.method.model import Detector
 from flgpr.model import Grid
 from flgpr.recipe.schema import RANKS, Recipe
-from flgpr.recipe.tables import ALL, ContrastTable, PrescreenTable
+from flgpr.recipe.tables import ContrastTable, PrescreenTable
 from flgpr.screen import MeanViewSums, RangeViewSums, RunViewSums, local_maxima
 from flgpr.stages import FeatureStage
 from flgpr.types import ComplexArray, Float32Array, FloatArray
@@ -61,14 +60,6 @@ class Steps:
         polarization = list(self.polarizations).index(table.polarization)
         subband = list(self.subbands).index(table.subband)
         return polarization, subband
-
-    def contrasted(self, magnitude: Float32Array) -> Float32Array:
-        """Return the magnitude (y, x) whose local contrast is taken, of those of all channels."""
-        table = self.recipe.contrast
-        if table.polarization != ALL:
-            return magnitude[self.channel(table)]
-        of_subband = magnitude[:, list(self.subbands).index(table.subband)]
-        return np.asarray(np.sqrt(np.mean(of_subband**2, axis=0)))
 
     def clean(
         self,

@@ -65,7 +65,6 @@ _REASONS_AGAIN = {
     ),
     "prescreen.polarization": "co-polarized if the run has it, VV before HH: it shows more of plastic",
     "prescreen.subband": "there is one sub-band",
-    "contrast.polarization": "what has changed shows in each of them",
 }
 _STEP = (0.1, 0.2)  # m, between the pixels of a chip: a third and two thirds of a mine
 _STEP_UNIT = 0.05  # m, to which it is rounded

@@ -11,7 +11,6 @@ import xarray as xr
 from flgpr.model import Lane, clear_end, tightest_paths
 from flgpr.recipe.radar_setup import allow_features, radar_setup
 from flgpr.recipe.schema import Recipe, as_imaged, lane_of, recipe_names
-from flgpr.recipe.tables import ALL
 from flgpr.types import FloatArray
 
 FITTED_MAP = "likelihood"
@@ -173,9 +172,7 @@ def _raise(recipe: Recipe, faults: list[str]) -> None:
 
 def asked_polarizations(recipe: Recipe) -> list[tuple[str, str]]:
     """Return the polarizations that a recipe asks for, each behind the entry that does."""
-    asked = []
-    if recipe.contrast.polarization != ALL:
-        asked.append(("contrast.polarization", recipe.contrast.polarization))
+    asked = [("contrast.polarization", recipe.contrast.polarization)]
     if recipe.map is None:
         asked.insert(0, ("prescreen.polarization", recipe.prescreen.polarization))
     for name in recipe.image.polarizations:

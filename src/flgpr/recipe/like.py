@@ -16,7 +16,6 @@ from flgpr.model.printable import printable
 from flgpr.recipe.choice import MEDIAN_STEP, Figures, pixels_of
 from flgpr.recipe.fit import FITTED_MAP
 from flgpr.recipe.schema import Recipe, parse_recipe, recipe_names, recipe_text
-from flgpr.recipe.tables import ALL
 from flgpr.recipe.writing import EARLY
 from flgpr.toml_text import parse_toml, toml_lines
 from flgpr.types import PathLike
@@ -368,11 +367,10 @@ class _Fitted:
         """Fit the channel and the pixels of the local contrast."""
         contrast = self.model.contrast
         spacing = self.figures.coarse
-        if contrast.polarization != ALL:
-            polarization = self._polarization("contrast")
-            if polarization != contrast.polarization:
-                reason = f"it has no {contrast.polarization}"
-                self._set("contrast", "polarization", polarization, reason)
+        polarization = self._polarization("contrast")
+        if polarization != contrast.polarization:
+            reason = f"it has no {contrast.polarization}"
+            self._set("contrast", "polarization", polarization, reason)
         if self.model.map is None:
             self._set("contrast", "subband", self.figures.subband, "the prescreener's")
         elif contrast.subband not in self.figures.bands:

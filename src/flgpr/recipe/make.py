@@ -149,8 +149,7 @@ def fit_recipe(
         Packaged recipe, or a file, whose method the recipe has.
     again : bool
         Whether earlier drives over the road are given. What they predict is subtracted; without
-        ``like`` the band ends where grating lobes come near, and the contrast is that of all
-        polarizations.
+        ``like`` the band is one, which ends where grating lobes come near.
 
     Returns
     -------

@@ -19,7 +19,6 @@ from flgpr.model.motion import plausible_run
 from flgpr.model.plausible import MotionLimits
 from flgpr.model.vehicle import Vehicle
 from flgpr.recipe.tables import (
-    ALL,
     BackgroundTable,
     ContrastTable,
     DetectorTable,
@@ -209,11 +208,6 @@ class Recipe(Table):
             raise ValueError(
                 f"contrast.subband must be one of image.subbands ({known}), "
                 f"got {self.contrast.subband!r}"
-            )
-        if self.contrast.polarization == ALL and self.features is not None:
-            raise ValueError(
-                "contrast.polarization must be one polarization with [features], whose columns have "
-                f"one each, got {ALL!r}"
             )
         views = self.view_channels
         if self.prescreen.subband not in views:

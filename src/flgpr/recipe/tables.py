@@ -34,8 +34,6 @@ def _one_of(*names: str) -> AfterValidator:
     return AfterValidator(known)
 
 
-ALL = "all"
-"""Instead of a polarization: all that are imaged."""
 Metre = Annotated[float, Field(ge=-100_000, le=100_000)]
 Limits = Annotated[tuple[Metre, Metre], AfterValidator(_increasing)]
 Band = Annotated[tuple[float, float], AfterValidator(_increasing)]
@@ -201,13 +199,9 @@ class PrescreenTable(Table):
 
 
 class ContrastTable(Table):
-    """Local contrast as confidence: channel and patch (pixels; spacing in m).
+    """Local contrast as confidence: channel and patch (pixels; spacing in m)."""
 
-    With the polarization "all" it is that of the root mean square of all that are imaged, each in
-    units of its background.
-    """
-
-    polarization: Annotated[str, _one_of(*POLARIZATIONS, ALL)]
+    polarization: Polarization
     subband: str
     size: Pixels = 25
     spacing: Spacing = 0.1

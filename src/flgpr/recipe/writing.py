@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from flgpr.recipe.choice import MEDIAN_STEP, Figures, pixels_of
-from flgpr.recipe.tables import ALL
 from flgpr.toml_text import InlineTable, toml_lines
 
 # Lengths that belong to a mine and what surrounds it, whatever the array: Wang et al. 2007, m.
@@ -87,7 +86,6 @@ def fitted_text(figures: Figures) -> str:
         },
         "contrast": {
             **channel,
-            **({"polarization": ALL} if figures.method.again else {}),
             "size": pixels_of([figures.method.lengths["patch"]], spacing)[0],
             "spacing": spacing,
             "inner": pixels_of(_INNER, spacing),
