@@ -8,7 +8,6 @@ is kept.
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import shutil
 import tomllib
@@ -27,7 +26,6 @@ from flgpr.live.options import LiveOptions
 from flgpr.live.session import LiveRun
 from flgpr.model import Lane, Sensor, load_sensor
 from flgpr.recipe.make import with_earlier
-from flgpr.recipe.tables import ALL
 from flgpr.scoring import match, side_by_side
 from flgpr.simulate import Scene, draw_world
 from flgpr.store import lane_text, read_table
@@ -41,7 +39,7 @@ x = [-2.5, 2.5]
 y = [7.0, 16.0]
 spacing = 0.05
 window = "hann"
-polarizations = {imaged}
+polarizations = ["{channel}"]
 
 [image.subbands]
 band = {band}
@@ -65,15 +63,12 @@ radius = 0.5
 density = 0.75
 
 [contrast]
-polarization = "{contrast}"
+polarization = "{channel}"
 subband = "band"
 size = 25
 spacing = 0.1
 inner = [5, 3]
 guard = [9, 7]
-
-[[columns]]
-stage = "rx"
 
 [score]
 halo = 0.5
@@ -121,17 +116,12 @@ def alarms_of(out: Path, road: tuple[str, str, int], condition: str) -> dict[str
     home = out / name / condition.replace(" ", "-")
     found = {}
     for detector, entries in DECLARED["detectors"].items():
-        detected = entries.get("of", detector)
-        result = home / f"result-{detected.replace(', ', '-').replace(' ', '-')}"
+        result = home / f"result-{detector.replace(', ', '-').replace(' ', '-')}"
         if not (result / "alarms.csv").is_file():
-            its = DECLARED["detectors"][detected]
             run = driven(home, scene.at_drive(3), seed)
-            before = earlier_drives(out, road, condition)[: its["drives"] - 1]
-            detect_as(its, run, before, lane_of(scene), result)
-        alarms = read_table(result / "alarms.csv", "alarms").assign(lane=name)
-        if detected != detector:
-            alarms["confidence"] = pd.read_csv(result / "features.csv")[entries["rank"]]
-        found[detector] = alarms.sort_values("confidence", ascending=False, ignore_index=True)
+            before = earlier_drives(out, road, condition)[: entries["drives"] - 1]
+            detect_as(entries, run, before, lane_of(scene), result)
+        found[detector] = read_table(result / "alarms.csv", "alarms").assign(lane=name)
     return found
 
 
@@ -156,9 +146,7 @@ def detect_as(
     if entries.get("made"):
         detect(run, output=result, report=False, before=before, lane=lane)
         return
-    in_all = entries["contrast"] == ALL
-    imaged = json.dumps(DECLARED["polarization"] if in_all else [entries["channel"]])
-    text = RECIPE.format(**entries, imaged=imaged)
+    text = RECIPE.format(**entries)
     if before:
         text = f"{with_earlier(text)}{entries['earlier']}\n"
     recipe = result.with_suffix(".toml")
