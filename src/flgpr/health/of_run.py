@@ -229,12 +229,11 @@ def without(run: xr.Dataset, left_out: LeftOut, silent_tones: bool = False) -> x
     """
     if not left_out:
         return run
-    if silent_tones:
-        faulty = list(left_out.tones)
+    if silent_tones and left_out.tones:
         kept = without(run, LeftOut(left_out.pairs)).compute()
-        kept["signal"].values[..., faulty] = 0
+        kept["signal"].values[..., list(left_out.tones)] = 0
         finite = np.isfinite(kept["signal"].values).all(axis=-1)
-        return kept.assign(valid=(kept["valid"].dims, finite)) if faulty else kept
+        return kept.assign(valid=(kept["valid"].dims, finite))
     pairs = np.setdiff1d(np.arange(run.sizes["pair"]), left_out.pairs)
     tones = np.setdiff1d(np.arange(run.sizes["frequency"]), left_out.tones)
     kept = run.isel(pair=pairs, frequency=tones)
