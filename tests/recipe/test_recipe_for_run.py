@@ -117,7 +117,10 @@ def test_where_the_road_was_driven_before_one_band_tells_up_to_where_grating_lob
     assert recipe.image.subbands["F0"] == pytest.approx((1e9, 1.9568e9), rel=1e-4)
     assert (recipe.prescreen.polarization, recipe.contrast.polarization) == ("VV", "VV")
     assert (recipe.contrast.subband, recipe.features, recipe.image.window) == ("F0", None, "hann")
-    assert "# what earlier drives predict is subtracted" in text
+    assert "Local contrast of what has changed" in text
+    assert (
+        "# all of the run's band, up to where grating lobes of the array come to 50 degrees" in text
+    )
     check_fit(run, recipe)
 
     # Lobes that come near from the first tone on leave a range cell of 25 cm.

@@ -53,11 +53,9 @@ _FAR_APERTURE = 8.0  # the same for a synthetic aperture, which is as wide as wh
 _SPACINGS = (0.01, 0.02, 0.025, 0.03, 0.04, 0.05, 0.1)  # of pixels, m
 _PIXEL = 2 / 3  # of a resolution cell, as in the paper's images
 _MAP_PIXEL = 1 / 4  # of the finest cell of a map's sub-bands: phases of neighbours are compared
-_GRATING = math.radians(
-    50
-)  # at which grating lobes bring in ground that earlier drives do not predict
+# Up to where grating lobes come; nearer ones bring in ground that earlier drives do not predict.
+_GRATING = math.radians(50)
 _REASONS_AGAIN = {
-    "clutter": "what earlier drives predict is subtracted",
     "image.window": "its low sidelobes keep apart what has changed and what has not",
     "image.subbands": (
         "all of the run's band, up to where grating lobes of the array come to 50 degrees: what they "

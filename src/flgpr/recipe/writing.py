@@ -16,8 +16,6 @@ _COHERENT = (0.25, 0.15)
 _MEDIAN = 1.05
 EARLY = InlineTable(stage="early")
 """Clutter stage that takes out what arrives before the first pixel."""
-EARLIER = InlineTable(stage="earlier")
-"""Clutter stage that subtracts what earlier drives predict."""
 _PAPER = "as in Wang et al. 2007"
 _REASONS = {
     "background.median": _PAPER,
@@ -63,13 +61,10 @@ def fitted_text(figures: Figures) -> str:
         image["frames"] = "all"
     image["subbands"] = figures.edges
     channel = {"polarization": figures.polarization, "subband": figures.subband}
-    clutter = [EARLY] if figures.method.early else []
-    if figures.method.again:
-        clutter.append(EARLIER)
     tables: dict[str, Any] = {
         "name": "fitted",
         "description": f"{confidence} after Wang et al. 2007, {figures.fitted_to}",
-        **({"clutter": clutter} if clutter else {}),
+        **({"clutter": [EARLY]} if figures.method.early else {}),
         "image": image,
         "background": {
             "self_signature": "mean" if figures.setup.drives else "none",
