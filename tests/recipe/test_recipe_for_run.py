@@ -117,6 +117,7 @@ def test_where_the_road_was_driven_before_one_band_tells_up_to_where_grating_lob
     assert recipe.image.subbands["F0"] == pytest.approx((1e9, 1.9568e9), rel=1e-4)
     assert (recipe.prescreen.polarization, recipe.contrast.polarization) == ("VV", "VV")
     assert (recipe.contrast.subband, recipe.features, recipe.image.window) == ("F0", None, "hann")
+    assert recipe.image.y[0] == pytest.approx(2.8)  # 1.4 heights of 2 m
     assert "Local contrast of what has changed" in text
     assert (
         "# all of the run's band, up to where grating lobes of the array come to 50 degrees" in text

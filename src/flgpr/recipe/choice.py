@@ -45,6 +45,7 @@ _LEAST_HALF = 1.8
 _ASIDE = 1.2  # antenna heights to either side that images reach
 _NEAR = 0.8  # antenna heights ahead at which images begin: incidence of 39 degrees
 _NEAR_UNCLEAN = 1.2  # the same where nothing takes the ground's echo out: incidence of 50 degrees
+_NEAR_AGAIN = 1.4  # the same where earlier drives predict the ground: incidence of 54 degrees
 _MIDDLE = 2.4  # antenna heights ahead that looks reach at least: incidence of 67 degrees
 _BANDWIDTH = 0.6e9  # Hz, whose range cell, 25 cm, is about a mine
 # Antenna heights ahead at which looks end: incidence of 76 degrees.
@@ -226,7 +227,9 @@ class Figures:
         near = self.method.near
         incidence = round(math.degrees(math.atan(near)))
         begin = f"{near} antenna heights ahead (incidence {incidence} degrees)"
-        if near != _NEAR:
+        if self.method.again:
+            begin += f", not {_NEAR}: earlier drives predict less of what is nearer"
+        elif near != _NEAR:
             begin += f", not {_NEAR}: nothing takes the ground's echo out"
         return {
             "image.x": sides,
@@ -349,7 +352,7 @@ def figures_of(setup: RadarSetup, model: Recipe | None = None, again: bool = Fal
     method = _Method(
         window="hann" if again else _window_of(setup, model),
         early=early,
-        near=_NEAR if setup.drives or early else _NEAR_UNCLEAN,
+        near=_NEAR_AGAIN if again else _NEAR if setup.drives or early else _NEAR_UNCLEAN,
         own=own,
         own_height=own_height,
         lengths=lengths,
