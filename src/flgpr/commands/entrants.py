@@ -104,8 +104,8 @@ def find_entrants(
             continue
         if path.is_dir():
             raise ValueError(
-                f"a folder must be a result of `flgpr detect`, got {path}; "
-                "`flgpr view` shows scores side by side"
+                f"a folder must be a result of `flgpr.detect`, got {path}; "
+                "`flgpr.view` shows scores side by side"
             )
         data = read_named(existing(path, "alarms file"))
         entrants.append(Entrant(path, data, named_recipe=recipe, reading=reading))

@@ -209,7 +209,7 @@ def model_info(folder: PathLike) -> Entries:
     if not files.has(f"{MODEL}/{MODEL_FILE}"):
         raise ValueError(
             f"{folder}: this result was made without a model: its recipe alone decides; "
-            "`flgpr view` shows what it found"
+            "`flgpr.view` shows what it found"
         )
     return {**describe_model(files.path(MODEL)), "result": str(path)}
 

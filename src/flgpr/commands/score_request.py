@@ -171,7 +171,7 @@ def truth_path(truth: TruthLike | None, sealed: PathLike | None) -> Iterator[Pat
     if sealed is not None:
         yield Path(sealed)
     elif truth is None:
-        raise ValueError("`truth` is needed, or `sealed` of `flgpr score`, got neither")
+        raise ValueError("`truth` is needed, or `sealed` of `flgpr.score`, got neither")
     elif isinstance(truth, str | Path):
         yield Path(truth)
     else:
