@@ -78,5 +78,5 @@ def test_tones_give_range_and_resolution(small_run, tmp_path):
 
 def test_a_result_without_a_model_has_none_to_describe(tmp_path):
     small_result(tmp_path / "result")
-    with pytest.raises(ValueError, match="its recipe alone decides; `flgpr.view` shows"):
+    with pytest.raises(ValueError, match=r"its recipe alone decides; `flgpr\.view` shows"):
         model_info(tmp_path / "result")
