@@ -27,7 +27,7 @@ from flgpr.method.unlike import Trust
 from flgpr.model import Lane
 from flgpr.recipe.fit import area_of
 from flgpr.recipe.schema import Recipe, parse_recipe
-from flgpr.stages.earlier import BEFORE
+from flgpr.stages.earlier import is_before
 from flgpr.store import (
     MAX_MEMORY,
     open_run,
@@ -242,7 +242,7 @@ def make_job(
         other_runs.append((name, absolute(path), read_manifest(path)["sha256"]))
         other = open_run(path, options.max_memory)
         judged = health_of_run(other)
-        if name.partition("-")[0] == BEFORE and other["frequency"].equals(stored["frequency"]):
+        if is_before(name) and other["frequency"].equals(stored["frequency"]):
             of_before.append(len(left_out_of_others))
         findings = tuple(one.of_run(name) for one in judged.findings)
         health = replace(health, findings=health.findings + findings)

@@ -58,6 +58,11 @@ def before_names(count: int) -> list[str]:
     return [BEFORE if number == 1 else f"{BEFORE}-{number}" for number in range(1, count + 1)]
 
 
+def is_before(name: str) -> bool:
+    """Return whether a name among ``others`` is that of an earlier run."""
+    return name.partition("-")[0] == BEFORE
+
+
 _MATCHED = 16  # scans, spread over the run, that tell how well the drives fit
 _FITS = 2.0  # dB; independent images of the same statistics are predicted by about 1 dB
 STANDING = "earlier.standing"
@@ -109,9 +114,7 @@ class EarlierRuns(ClutterStage):
     def __init__(self, settings: Any, setup: Any, learnt: Arrays | None = None) -> None:
         super().__init__(settings, setup, learnt)
         imagers = {
-            name: self._imager(name, run)
-            for name, run in setup.others.items()
-            if name.partition("-")[0] == BEFORE
+            name: self._imager(name, run) for name, run in setup.others.items() if is_before(name)
         }
         if not imagers:
             raise ValueError(
