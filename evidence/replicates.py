@@ -4,8 +4,7 @@
 
 DIR is the folder of `flgpr reproduce all -o DIR`. For Wang et al. 2007 a replicate is the calibration experiment, three
 lanes with the paper's mines, of other seeds; their statements on blind lanes are not repeated. For flsar2004 it is the
-leave-one-out of Fig. 6 with 27 looks at metal mines and 126 of clutter, drawn anew from the study's temperate lane: it
-needs the images of the study, and tells of this lane alone. By default there are 20 and 50 of them.
+whole study, on lanes of both sites of other seeds, with the study's mines. By default there are 20 and 12 of them.
 
 Every finished replicate stays in DIR/PAPER/replicates as a list of findings, so that an interrupted run resumes. Those
 in evidence/repeats/PAPER ran before and are taken as they are: each takes eight minutes of a processor. With
@@ -28,18 +27,9 @@ from flgpr.progress import silent
 from flgpr.recipe.schema import parse_recipe
 from flgpr.store import write_whole
 from flgpr_papers.flsar2004.examples import join
-from flgpr_papers.flsar2004.findings import (
-    SHALLOW,
-    Material,
-    Results,
-    pick_examples,
-    prepare,
-    ratio_interval,
-    spread_of_folds,
-    thin_examples,
-)
+from flgpr_papers.flsar2004.experiment import JUDGED
+from flgpr_papers.flsar2004.findings import prepare
 from flgpr_papers.flsar2004.lanes import drive, load_settings
-from flgpr_papers.flsar2004.machines import leave_one_out, rvm, svm
 from flgpr_papers.kit.findings import (
     OPEN,
     Finding,
@@ -55,7 +45,7 @@ from flgpr_papers.wang2007.findings import all_findings
 from flgpr_papers.wang2007.lanes import calibration_scenes, sensor
 from flgpr_papers.wang2007.study import lane_result
 
-COUNTS = {"wang2007": 20, "flsar2004": 50}
+COUNTS = {"wang2007": 20, "flsar2004": 12}
 """Replicates of each paper."""
 STORED = Path(__file__).with_name("repeats")
 """Replicates that ran before; their statements are those of the time when they ran."""
@@ -105,12 +95,12 @@ def replicates(folder: Path, paper: str, count: int, end: float) -> Iterator[lis
 
 def pooled(experiments: Sequence[Sequence[Finding]]) -> list[Finding]:
     """Return every statement by all experiments together that have a number for it."""
-    by_claim: dict[str, list[Finding]] = {}
+    by_statement: dict[tuple[str, str], list[Finding]] = {}
     for findings in experiments:
         for finding in findings:
             if finding.verdict != OPEN and finding.interval is not None:
-                by_claim.setdefault(finding.claim, []).append(finding)
-    return [over_experiments(of_claim) for of_claim in by_claim.values()]
+                by_statement.setdefault((finding.claim, finding.quantity), []).append(finding)
+    return [over_experiments(found) for found in by_statement.values()]
 
 
 def calibration_experiment(folder: Path) -> Replicate:
@@ -130,42 +120,23 @@ def calibration_experiment(folder: Path) -> Replicate:
     return run
 
 
-def leave_one_out_experiment(folder: Path) -> Replicate:
-    """Return what repeats the leave-one-out of Fig. 6 of flsar2004, by other examples of the study's lane."""
+def study_on_other_lanes(folder: Path) -> Replicate:
+    """Return what repeats the study of flsar2004; a lane's images are deleted after its result."""
     settings = load_settings()
-    temperate = settings.sites[-1]
-    site = join(settings, drive(settings, temperate, folder.parent / "images"))
-    material = prepare(settings, [site])
 
     def run(number: int) -> list[Finding]:
-        return paper_size(material, number).findings
+        other = settings.model_copy(update={"seed": settings.seed + 1000 * number})
+        work = folder / f"lanes-{number}"
+        sites = [join(other, drive(other, site, work)) for site in other.sites]
+        material = prepare(other, sites)
+        findings = [finding for part in JUDGED.values() for finding in part(material).findings]
+        shutil.rmtree(work)
+        return findings
 
     return run
 
 
-def paper_size(material: Material, seed: int) -> Results:
-    """Run the leave-one-out of Fig. 6 with as many examples as the paper has, drawn by a seed.
-
-    They are of the temperate site, the last one.
-    """
-    options = material.settings.classify
-    results = Results()
-    chosen = pick_examples(material.examples[-1], ("metal",), (-1.0, SHALLOW), "VV")
-    few = thin_examples(chosen, options.examples, seed)
-    measure = material.measure(few)
-    machines = {"RVM": rvm(options), "SVM": svm(options), "polynomial": rvm(options, "poly")}
-    scores = {name: leave_one_out(few, one, options.folds) for name, one in machines.items()}
-    shares = scores["RVM"].vector_share, scores["SVM"].vector_share
-    for name, rival in (("machines", "SVM"), ("kernel", "polynomial")):
-        gap = measure.difference(scores["RVM"], scores[rival])
-        results.judge(name, gap)
-    results.judge("relevance-share", spread_of_folds(shares[0]))
-    results.judge("support-share", spread_of_folds(shares[1]))
-    results.judge("sparser", ratio_interval(*shares))
-    return results
-
-
-EXPERIMENTS = {"wang2007": calibration_experiment, "flsar2004": leave_one_out_experiment}
+EXPERIMENTS = {"wang2007": calibration_experiment, "flsar2004": study_on_other_lanes}
 """What makes the replicates of a paper."""
 
 

@@ -11,7 +11,6 @@ paper says. The counts that the page's first table holds are printed. Tables of 
 
 import csv
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 from flgpr_papers.kit.findings import Finding, read_findings
@@ -21,8 +20,6 @@ WORLDS = {"prepared": "", "as found": "as-found"}
 VERDICTS = ("agrees", "disagrees", "cannot say")
 MAIN_GROUP = "open"
 """Group of lanes that a study's own table has, where it has several."""
-OVER_MINES = ("RVM and SVM alike", "kernel matters little")
-"""Statements whose verdict over the mines stays: their repeats are draws from one lane."""
 FIRST = 3
 """Columns before those of worlds."""
 COLUMNS = {"prepared": slice(FIRST, FIRST + 4), "as found": slice(FIRST + 4, FIRST + 6)}
@@ -77,16 +74,13 @@ def header() -> list[str]:
 
 def judged_findings(folder: Path) -> list[Finding]:
     """Read the statements of a run, or of its repeats alone, that were judged; none where neither ran."""
-    repeated = {}
+    repeated: dict[Statement, Finding] = {}
     if (folder / "replicates" / "findings.json").is_file():
-        repeated = {finding.claim: finding for finding in read_findings(folder / "replicates")}
+        for finding in read_findings(folder / "replicates"):
+            repeated[finding.claim, finding.quantity] = finding
     has_run = (folder / "findings.json").is_file()
-    found = []
-    for finding in read_findings(folder) if has_run else list(repeated.values()):
-        if finding.claim in OVER_MINES and not has_run:
-            continue
-        again = repeated.get(finding.claim, finding)
-        found.append(replace(finding, shown=again.shown) if finding.claim in OVER_MINES else again)
+    found = read_findings(folder) if has_run else list(repeated.values())
+    found = [repeated.get((finding.claim, finding.quantity), finding) for finding in found]
     return [finding for finding in found if finding.verdict in VERDICTS]
 
 

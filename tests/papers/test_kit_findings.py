@@ -15,6 +15,7 @@ from flgpr_papers.kit.findings import (
     UNDECIDED,
     VERDICTS,
     Finding,
+    Statements,
     by_chance,
     finding_of,
     in_words,
@@ -156,6 +157,21 @@ def test_power_is_how_often_the_rule_answers():
     assert larger_agrees == pytest.approx(0.91, abs=0.01)  # a gain of 0.10
     assert larger_disagrees == pytest.approx(0.38, abs=0.01)  # none
     assert joint_power([(0.9, 0.8), (0.5, 0.7)]) == (0.45, 0.7)
+
+
+def test_choices_of_a_repeated_experiment_have_to_come_to_one_verdict():
+    def found(first, second):
+        intervals = {"offset": (first, -1.0, 1.0), "no-bias": (second, -1.0, 1.0)}
+        return Statements("flsar2004").by_every("novelty", intervals, kind="metal")
+
+    apart = over_experiments([found(0.30, 0.30), found(0.31, 0.10), found(0.32, -0.10)])
+    assert apart.verdict == UNDECIDED
+    first, second = apart.ours.split("; ")
+    assert first.startswith("offset: 0.31") and first.endswith(" disagrees")
+    assert second.startswith("no-bias: 0.1") and second.endswith(" cannot say")
+    alike = over_experiments([found(0.30, 0.31), found(0.31, 0.32), found(0.32, 0.30)])
+    assert alike.verdict == DISAGREES
+    assert "disagrees" not in alike.ours
 
 
 def test_repeats_of_an_experiment_are_judged_together_and_counted_one_by_one():

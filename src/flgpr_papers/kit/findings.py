@@ -93,6 +93,8 @@ class Finding:
     #: the number of every part of a claim of several parts, whose intervals are not stored
     parts: tuple[float, ...] = ()
     names: tuple[str, ...] = ()  #: of the parts
+    #: whether the parts are choices of ours, which all have to come to the same verdict
+    choices: bool = False
     unit: str = ""  #: of the number and the rule
     #: least and largest possible value of the number; None: anything is possible
     bounds: Bounds | None = None
@@ -271,7 +273,11 @@ def over_experiments(experiments: Sequence[Finding]) -> Finding:
     bounds = first.bounds
     parts = [students(row, together(len(table.T)), bounds) for row in table.T]
     texts = [in_words(*part, first.unit) for part in parts]
-    if first.names:
+    answers = _answers(first, first.rule, parts)
+    if first.choices:
+        given = dict(zip(first.names, parts, strict=True))
+        texts, answers["verdict"] = _by_choice(given, first.rule, first.worth)
+    elif first.names:
         texts = [f"{name} {_signed(part)}" for name, part in zip(first.names, parts, strict=True)]
     shown = sum(all(shows(value, first.rule) for value in row) for row in table)
     return replace(
@@ -279,8 +285,23 @@ def over_experiments(experiments: Sequence[Finding]) -> Finding:
         ours="; ".join(texts),
         parts=tuple(part[0] for part in parts) if first.parts else (),
         shown=(shown, len(table)),
-        **_answers(first, first.rule, parts),
+        **answers,
     )
+
+
+def _by_choice(
+    intervals: Mapping[str, Interval], rule: Bounds, worth: float
+) -> tuple[list[str], str]:
+    """Return a claim's number by every choice in words, and the verdict if all come to the same.
+
+    Where they do not, each has its verdict beside it.
+    """
+    each = {choice: judge(interval, rule, worth) for choice, interval in intervals.items()}
+    verdicts = set(each.values())
+    words = {choice: f"{choice}: {in_words(*interval)}" for choice, interval in intervals.items()}
+    if len(verdicts) == 1:
+        return list(words.values()), verdicts.pop()
+    return [f"{text} {each[choice]}" for choice, text in words.items()], UNDECIDED
 
 
 def _answers(asked: Finding, rule: Bounds, parts: Sequence[Interval]) -> Entries:
@@ -610,16 +631,13 @@ class Statements:
         given = _judged_by(rule, declared, fields)
         bounds = _BOUNDS[declared["is"]]
         cut = {choice: clip(interval, bounds) for choice, interval in intervals.items()}
-        each = {choice: judge(one, rule, given["worth"]) for choice, one in cut.items()}
-        verdicts = set(each.values())
-        words = {choice: f"{choice}: {in_words(*one)}" for choice, one in cut.items()}
-        if len(verdicts) > 1:
-            words = {choice: f"{text} {each[choice]}" for choice, text in words.items()}
+        words, verdict = _by_choice(cut, rule, given["worth"])
         return of_parts(
             intervals=cut,
             bounds=bounds,
-            ours="; ".join(words.values()),
-            verdict=verdicts.pop() if len(verdicts) == 1 else UNDECIDED,
+            ours="; ".join(words),
+            verdict=verdict,
+            choices=True,
             interval=next(iter(cut.values())),
             **given,
         )
