@@ -2,9 +2,11 @@
 
 import pytest
 
+import flgpr
 from flgpr.jobs.job import make_job
 from flgpr.jobs.training import TrainingLane, learns_detector, train_on_lanes
 from flgpr.jobs.workers import DEFAULTS
+from flgpr.method.model import load_model
 from flgpr.recipe.schema import parse_recipe, recipe_text
 from flgpr.store import read_table, save_run
 from small_lane import LANE_TOML, small_recipe, small_run
@@ -50,3 +52,15 @@ def test_a_truth_that_is_not_valid_is_named(home):
     with pytest.raises(ValueError, match=r"truth\.csv"):
         train_on_lanes([lane_job(home)], home / "m", (), 1.0, DEFAULTS, overwrite=True)
     assert not (home / "m").exists()
+
+
+def test_a_detector_reads_the_magnitude_beside_features_where_it_is_named(home):
+    named = ("magnitude", "C_*")
+    train_on_lanes([lane_job(home)], home / "m", named, 1.0, DEFAULTS, overwrite=True)
+    detector = load_model(home / "m").detector
+    assert detector.features[0] == "magnitude"
+    assert len(detector.features) > 1
+    (home / "recipe.toml").write_text(small_recipe())
+    of_run = {"recipe": home / "recipe.toml", "model": home / "m", "lane": home / "lane.toml"}
+    found = flgpr.detect(home / "run.zarr", **of_run)
+    assert len(found.alarms)

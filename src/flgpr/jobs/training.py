@@ -288,10 +288,14 @@ class _Training:
             self._profiles.append(setup.level_profile())
             raised += len(setup.alarms())
         table = self.recipe.detector or DetectorTable(features=CLASSIFIER_B)
-        first_features = lanes[0][2]
         patterns = list(features) or list(table.features)
+        if "magnitude" in patterns:  # of the alarm, which is read where it is named
+            lanes = [
+                (name, alarms, of_alarms.assign(magnitude=alarms["magnitude"]), truth, area)
+                for name, alarms, of_alarms, truth, area in lanes
+            ]
         table = table.model_copy(update={"features": tuple(patterns)})
-        columns = _matching(patterns, list(first_features.columns))
+        columns = _matching(patterns, list(lanes[0][2].columns))
         with self._counted("detector"):
             spent = self._spent()
             spent_by_lane = [pd.concat(rows) for rows in zip(*spent.values(), strict=True)]

@@ -86,7 +86,9 @@ def rank_alarms(lane: ImagedRun) -> RankedAlarms:
         alarms["confidence"] = alarms["magnitude"].astype(float)
     alarms["scans"] = table["scans"]
     ranked = rank(alarms, table)
-    if lane.recipe.features is None:
+    detector = lane.steps.detector
+    is_read = detector is not None and "magnitude" in detector.features
+    if lane.recipe.features is None or is_read:
         with_magnitude = ranked.features.assign(magnitude=ranked.alarms["magnitude"])
         ranked = RankedAlarms(ranked.alarms, with_magnitude, ranked.rows)
     return ranked
