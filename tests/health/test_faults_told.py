@@ -192,6 +192,25 @@ def findings_live(run, lane=None, lost=True):
 
 
 @pytest.mark.parametrize(
+    "words", ["the heading is turned by 180 degrees", "the data are conjugated"]
+)
+def test_what_leaves_nothing_in_common_is_told_live_within_16_scans(words):
+    [one] = findings_live(with_fault(make_drive(scans=16), WAYS[words]), lost=False)
+    assert words in one.words
+
+
+def test_of_ground_that_shows_nothing_no_other_way_is_told_early():
+    rng = np.random.default_rng(0)
+
+    def nothing_seen(signal, pose):
+        leak = np.exp(-2j * np.pi * FREQUENCY * 5e-9)
+        return 3 * leak + noise(rng, *signal.shape), pose
+
+    for seed in range(1, 6):
+        assert findings_live(with_fault(make_drive(seed, 20), nothing_seen), lost=False) == []
+
+
+@pytest.mark.parametrize(
     "name",
     [
         *("dead polarization", "stuck pairs", "swapped pairs", "turned pairs"),
