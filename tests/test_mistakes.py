@@ -323,6 +323,22 @@ MISTAKES = {
 }
 """Refused: nothing is written."""
 
+NOTHING_CAME = {
+    "scans that never come": (
+        "live {in}/incoming --recipe {causal} --idle 0.1 -o {out}/a",
+        "no scan came from .*incoming: ",
+    ),
+    "a folder of scans that is not there": (
+        "live {in}/none --recipe {causal} --idle 0.1 -o {out}/a",
+        "no scan came from .*, which does not exist",
+    ),
+    "a run given to live": (
+        "live {in}/run.zarr --recipe {causal} --idle 0.1 -o {out}/a",
+        "`flgpr feed` plays a run into a folder",
+    ),
+}
+"""Refused once it is clear that nothing comes: a script must not take it for a drive."""
+
 DOUBTS = {
     "confidences that are low for mines": (
         f"score {{in}}/low-is-mine.csv {SCORE}",
@@ -343,18 +359,6 @@ DOUBTS = {
     "two rows of one target": (
         "score {in}/alarms.csv --truth {in}/again.csv {lane}",
         "two rows of one target",
-    ),
-    "scans that never come": (
-        "live {in}/incoming --recipe {causal} --idle 0.1 -o {out}/a",
-        "no scan came from .*incoming: ",
-    ),
-    "a folder of scans that is not there": (
-        "live {in}/none --recipe {causal} --idle 0.1 -o {out}/a",
-        "no scan came from .*, which does not exist",
-    ),
-    "a run given to live": (
-        "live {in}/run.zarr --recipe {causal} --idle 0.1 -o {out}/a",
-        "`flgpr feed` plays a run into a folder",
     ),
     "conjugated data": (
         f"detect {{in}}/conjugated.zarr {SMALL} -o {{out}}/a",
@@ -424,6 +428,16 @@ def test_a_mistake_is_refused_and_the_message_says_what_to_do(mistake, place, tm
     assert refused, told
     assert re.search(pattern, told), told
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow("waits for scans")
+@pytest.mark.parametrize("mistake", NOTHING_CAME)
+def test_a_drive_without_scans_is_refused_at_its_end(mistake, doubted, tmp_path):
+    action, pattern = NOTHING_CAME[mistake]
+    refused, told = said(action, doubted, tmp_path)
+    assert refused, told
+    assert re.search(pattern, told), told
+    assert (tmp_path / "a" / "live.jsonl").read_bytes() == b""
 
 
 @pytest.fixture(scope="module")

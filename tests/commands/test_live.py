@@ -1,14 +1,21 @@
 """Options of ``flgpr live`` and ``flgpr feed``."""
 
+import json
 import signal
+import threading
 
 import pytest
 from typer.testing import CliRunner
 
 from flgpr.commands.app import app
 from flgpr.commands.live import feed, live
-from flgpr.store import save_run
+from flgpr.live.options import LiveReport
+from flgpr.live.session import LiveRun
+from flgpr.store import describe_for_live, encode_scan, save_run
 from flgpr.store.scan_file import END_FILE, scan_name
+from live_lane import make_lane_run, small_recipe
+
+REPORT = LiveReport({"received": 1}, {"scans": 0}, 0, float("nan"))
 
 
 @pytest.fixture
@@ -26,7 +33,7 @@ def started(monkeypatch):
             begun.append((options, emit))
 
         def run(self):
-            return "report"
+            return REPORT
 
         def stop(self):
             pass
@@ -36,7 +43,7 @@ def started(monkeypatch):
 
 
 def test_a_speed_is_in_kilometres_per_hour(started):
-    assert live("scans", speed=36.0, looks=2, warm_up=7) == "report"
+    assert live("scans", speed=36.0, looks=2, warm_up=7) == REPORT
     [(options, _)] = started
     assert options.vehicle.speed == pytest.approx(10.0)
     assert options.settings.looks == 2
@@ -74,6 +81,48 @@ def test_the_first_signal_lets_a_run_end_and_the_second_one_ends_it(monkeypatch,
         live("scans")
     assert stops == ["asked"]
     assert signal.getsignal(number) is before
+
+
+@pytest.mark.parametrize("makes_folder", [True, False])
+def test_a_run_that_is_stopped_before_its_scans_says_so_and_is_no_error(
+    makes_folder, tmp_path, monkeypatch
+):
+    class Stopped(LiveRun):
+        def run(self):
+            signal.raise_signal(signal.SIGINT)
+            return super().run()
+
+    monkeypatch.setattr("flgpr.live.session.LiveRun", Stopped)
+    if makes_folder:
+        (tmp_path / "scans").mkdir()
+    words = ["live", str(tmp_path / "scans"), "-o", str(tmp_path / "out")]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 0, done.output
+    assert "stopped before a scan was taken" in done.output
+    assert "no scan came" not in done.output
+
+
+def test_scans_without_a_position_alone_came_all_the_same(small_run, tmp_path):
+    """No recipe can be made for them: yet it is not said that none came."""
+    description = describe_for_live(small_run)
+    (tmp_path / "run.json").write_text(json.dumps(description.as_json()))
+    signal = small_run["signal"].values[0]
+    frame = encode_scan(0, signal, None, 0.0, description.run_id)
+    (tmp_path / scan_name(0)).write_bytes(frame)
+    (tmp_path / END_FILE).write_text("{}")
+    report = live(tmp_path, output=tmp_path / "out")
+    assert report.counts["received"] == report.counts["pose_missing"] == 1
+
+
+def test_a_folder_that_is_made_while_it_is_watched_is_no_error(tmp_path):
+    stored = save_run(make_lane_run(scans=4), tmp_path / "run.zarr")
+    (tmp_path / "recipe.toml").write_text(small_recipe())
+    scans = tmp_path / "scans"
+    sender = threading.Timer(0.5, feed, [stored, scans, 0], {"lead": 0})
+    sender.start()
+    report = live(scans, tmp_path / "recipe.toml", output=tmp_path / "out")
+    sender.join()
+    assert report.counts["received"] == 4
 
 
 def test_called_from_python_events_are_given_to_a_function_alone(started, capsys):

@@ -9,7 +9,7 @@ from flgpr.health.judging import jitter_ps
 from flgpr.health.of_run import health_of_run, radar_of, without
 from flgpr.health.streaming import LiveHealth
 from flgpr.health.sums import HealthSums
-from flgpr.model import SPEED_OF_LIGHT, Lane, complete_scans
+from flgpr.model import SPEED_OF_LIGHT, Lane, complete_scans, make_run
 
 
 @pytest.fixture(scope="module")
@@ -192,6 +192,25 @@ def findings_live(run, lane=None, lost=True):
 
 
 @pytest.mark.parametrize(
+    "words", ["the heading is turned by 180 degrees", "the data are conjugated"]
+)
+def test_what_leaves_nothing_in_common_is_told_live_within_16_scans(words):
+    [one] = findings_live(with_fault(make_drive(scans=16), WAYS[words]), lost=False)
+    assert words in one.words
+
+
+def test_of_ground_that_shows_nothing_no_other_way_is_told_early():
+    rng = np.random.default_rng(0)
+
+    def nothing_seen(signal, pose):
+        leak = np.exp(-2j * np.pi * FREQUENCY * 5e-9)
+        return 3 * leak + noise(rng, *signal.shape), pose
+
+    for seed in range(1, 6):
+        assert findings_live(with_fault(make_drive(seed, 20), nothing_seen), lost=False) == []
+
+
+@pytest.mark.parametrize(
     "name",
     [
         *("dead polarization", "stuck pairs", "swapped pairs", "turned pairs"),
@@ -262,6 +281,40 @@ def test_of_a_few_pairs_what_can_be_judged_is(clean, pairs):
     assert "repeated scans" in changed(frozen)
     assert "stuck pairs" in changed(half_stuck)
     assert "disturbed tones" in changed(lambda signal: disturbed(signal, None))
+
+
+def line_over_a_pipe(level, jitter=0.0):
+    """Simulate a line of one channel: what stands still, a hyperbola so much stronger, and noise."""
+    rng = np.random.default_rng(4)
+    way = 0.02 * np.arange(80)
+    delay = 2e-9 + 2 * np.hypot(way - 0.8, 0.1) / 0.1e9
+    signal = np.exp(-2j * np.pi * FREQUENCY * 2e-9)
+    signal = signal + level * np.exp(-2j * np.pi * FREQUENCY * delay[:, None])
+    signal *= np.exp(-2j * np.pi * FREQUENCY * jitter * rng.normal(size=(80, 1)))
+    signal += 0.01 * noise(rng, *signal.shape)
+    pose = np.zeros((80, 6))
+    pose[:, 1:3] = np.column_stack([way, np.full(80, 0.05)])
+    attrs = {"title": "line", "sounding": "ground-coupled"}
+    return make_run(
+        signal.astype(np.complex64)[:, None, None], FREQUENCY, ["HH"], [[0.0, 0, 0]],
+        [[0.1, 0, 0]], pose, 0.1 * np.arange(80), attrs,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("level", [0.3, 1.0, 2.0, 4.0])
+def test_a_hyperbola_is_no_jump_of_time_zero(level):
+    assert "jitter" not in names(line_over_a_pipe(level))
+
+
+@pytest.mark.parametrize("level", [0.0, 0.3])
+@pytest.mark.parametrize("jitter", [100e-12, 300e-12])
+def test_time_zero_that_jumps_on_a_line_is_told(level, jitter):
+    [one] = [
+        one
+        for one in health_of_run(line_over_a_pipe(level, jitter)).findings
+        if one.name == "jitter"
+    ]
+    assert one.value == pytest.approx(1e12 * jitter, rel=0.3)
 
 
 def passing_under(level, seed):

@@ -327,6 +327,15 @@ def test_a_clock_is_told_beside_the_pose_that_is_used(home):
     assert report.counts["clock"] == 1
 
 
+def test_a_clock_that_stands_still_is_told_within_ten_scans(home):
+    frames = [frame_of(Scan(one.number, 7.0, one.pose, one.signal)) for one in scans_of()]
+    report, lines, _ = live(home, "standing-clock", frames)
+    (problem,) = [line for line in lines if line["event"] == "problem"]
+    assert (problem["kind"], problem["scan"]) == ("clock", 8)
+    assert "stands still" in problem["words"]
+    assert report.counts["clock"] == 1
+
+
 def test_limits_stand_in_the_recipe(home):
     slow = "\n[motion]\nspeed = 0.5\n"  # steps of up to a metre are never too large
     frames = [frame_of(shifted(one, 1, 0.8 if one.number == 6 else 0.0)) for one in scans_of()]

@@ -90,6 +90,7 @@ HONEST = {
     "times that are missing in between": (straight(), parts_without_times()),
     "one scan": (straight(scans=1), None),
     "standing": (straight(0.0), clock()),
+    "standing, by a clock that stands": (straight(0.0), clock() * 0),
 }
 
 
@@ -226,6 +227,18 @@ def test_a_clock_that_jumps_is_told_and_poses_are_not_blamed(jump):
     )  # ahead again is a pause
 
 
+@pytest.mark.parametrize("since", [0, 3])
+def test_a_clock_that_stands_still_is_told_once_and_poses_are_not_blamed(since):
+    time = np.minimum(clock(30), since / RATE)
+    motion = judge_poses(straight(scans=30), time)
+    assert motion.left_out == []
+    assert [(step.scan, step.since) for step in motion.clock] == [(since + 8, since)]
+    assert motion.notes() == [
+        f"the clock stands still, positions do not: clock at scan {since + 8} after scan {since} "
+        "stands still: no speed is known"
+    ]
+
+
 def test_a_wrong_pose_is_found_while_the_clock_jumps():
     pose = straight()
     time = clock()
@@ -266,6 +279,8 @@ def drives(draw):
         pose[at:stop, component] += by
     if draw(st.booleans()):
         time[draw(st.integers(1, 29)) :] += draw(st.sampled_from([1e6, -30.0, 20.0, np.nan]))
+    if draw(st.booleans()):
+        time[draw(st.integers(0, 29)) :] = 1.0
     return pose, time
 
 

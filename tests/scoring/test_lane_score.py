@@ -56,7 +56,7 @@ def test_a_plain_sentence_counts_and_names_what_was_missed(scored):
     simulants = TRUTH[:1].assign(kind="simulant")
     one = score(ALARMS, simulants, LANE, Rules(halo=0.5, far=0.1, draws=50))
     assert one.in_plain_words() == (
-        "1 of 1 target was found, with 3 false alarms on 239 m² of other ground"
+        "1 of 1 target was found, with 3 false alarms on 239 m² of other ground (as many with none)"
     )
     none = score(ALARMS[1:2], TRUTH, LANE, Rules(halo=0.5, far=0.1, draws=50))
     assert none.in_plain_words().endswith(

@@ -28,7 +28,7 @@ from flgpr.commands.options import (
 from flgpr.commands.shell import Arguments, ErrorStreamText, command
 
 if TYPE_CHECKING:
-    from flgpr.live.options import LiveReport
+    from flgpr.live.options import LiveOptions, LiveReport
     from flgpr.live.session import LiveRun
 
 Lane = Annotated[PathLike | None, lane_option()]
@@ -57,12 +57,17 @@ def _summary_lines(report: LiveReport, call: Arguments) -> Iterator[ErrorStreamT
     for name, count in report.counts.items():
         if count:
             yield ErrorStreamText(f"  {count:6d} {COUNTS[name]}")
-    if not any(report.counts.values()) and call.incoming is not None:
-        there = "" if Path(call.incoming).exists() else ", which does not exist"
-        yield ErrorStreamText(
-            f"no scan came from {call.incoming}{there}: `flgpr feed` plays a run into a folder"
-        )
     yield ErrorStreamText(f"wrote {call.output}")
+
+
+def _nothing_came(options: LiveOptions) -> str:
+    """Return in words that no scan came from where they should."""
+    sources = [str(one) for one in (options.incoming, options.socket, options.tcp) if one]
+    there = ""
+    if options.incoming is not None and not Path(options.incoming).exists():
+        there = ", which does not exist"
+    came = f"no scan came from {' or '.join(sources)}{there}"
+    return f"{came}: `flgpr.feed` plays a run into a folder or to a socket"
 
 
 @contextlib.contextmanager
@@ -94,13 +99,15 @@ def _page(call: Arguments) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _stopped_by_signals(run: LiveRun) -> Iterator[None]:
-    """On an interrupt finish the scan in hand and write the last snapshot; a second one ends it."""
-    if threading.current_thread() is not threading.main_thread():
-        yield  # Python delivers signals to the main thread alone
-        return
+def _stopped_by_signals(run: LiveRun) -> Iterator[threading.Event]:
+    """On an interrupt finish the scan in hand and write the last snapshot; a second one ends it.
 
+    Yields whether it was asked to.
+    """
     is_asked = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield is_asked  # Python delivers signals to the main thread alone
+        return
 
     def stop(*_: Any) -> None:
         """Let the run end; asked again, even while it builds its detector, it ends at once."""
@@ -113,7 +120,7 @@ def _stopped_by_signals(run: LiveRun) -> Iterator[None]:
     for number in (signal.SIGINT, signal.SIGTERM):
         previous_handlers[number] = signal.signal(number, stop)
     try:
-        yield
+        yield is_asked
     finally:
         for number, handler in previous_handlers.items():
             signal.signal(number, handler)
@@ -238,7 +245,8 @@ def live(
     Raises
     ------
     ValueError
-        If the recipe has a stage that cannot work scan by scan, or an option breaks its rule.
+        If the recipe has a stage that cannot work scan by scan, an option breaks its rule, or the
+        run ends before a scan came.
     MissingExtraError
         If a recording in MCAP is asked for and its library is not installed.
     """
@@ -248,6 +256,7 @@ def live(
     from flgpr.model.vehicle import Vehicle
     from flgpr.recipe.schema import load_recipe
     from flgpr.store.extras import optional
+    from flgpr.store.notes import log_note
 
     if mcap:
         optional("mcap.writer", "bags")  # that it is missing is told before the drive
@@ -292,8 +301,12 @@ def live(
         rate=math.inf if rate == 0 else rate,
     )
     run = LiveRun(options, emit or (lambda _: None))
-    with _stopped_by_signals(run):
+    with _stopped_by_signals(run) as is_stopped:
         report = run.run()
+    if not any(report.counts.values()):
+        if not is_stopped.is_set():
+            raise ValueError(_nothing_came(options))
+        log_note("stopped before a scan was taken")
     if mcap:
         from flgpr.commands.exports import Wish, write_export
 

@@ -169,6 +169,8 @@ NOISY_LIKENESS = 0.5
 CLEAR = 0.5
 """Correlation of a scan with the mean of those before, once delayed, that is needed to tell
 how time zero moves."""
+CLEAR_OF_FEW = 0.8
+"""The same of a run of a few channels."""
 MOVING_DB = 6.0
 """Change from scan to scan under that of a driving vehicle, dB, from where on it may stand."""
 MOST_PAIRS = 0.5

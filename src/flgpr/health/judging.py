@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from flgpr.health.channels import channel_levels
 from flgpr.health.findings import (
     CLEAR,
+    CLEAR_OF_FEW,
     LEAST_SCANS,
     LEAST_TONES,
     LIMITS,
@@ -360,9 +361,15 @@ def _tones(sums: HealthSums, radar: Radar) -> Iterator[Finding]:
 
 
 def jitter_ps(sums: HealthSums, radar: Radar) -> float:
-    """Return how far time zero jumps from scan to scan, ps; NaN where nothing strong stands still."""
-    change = np.median(np.abs(np.diff(_delays_ps(sums, radar))))
-    return float(change) / _MEDIAN_OF_NORMAL / np.sqrt(2)
+    """Return how far time zero jumps from scan to scan, ps; NaN where nothing strong stands still.
+
+    A strong echo that passes, such as a hyperbola, moves evenly from scan to scan, and no jump does:
+    of first and second differences, which jumps have alike, the smaller tell.
+    """
+    delays = _delays_ps(sums, radar)
+    once = np.median(np.abs(np.diff(delays))) / np.sqrt(2)
+    twice = np.median(np.abs(np.diff(delays, 2))) / np.sqrt(6)
+    return float(min(once, twice)) / _MEDIAN_OF_NORMAL
 
 
 def drift_ps(sums: HealthSums, radar: Radar) -> float:
@@ -374,8 +381,11 @@ def drift_ps(sums: HealthSums, radar: Radar) -> float:
 
 def _delays_ps(sums: HealthSums, radar: Radar) -> FloatArray:
     """Return the delays of the latest scans, ps; NaN alone where nothing strong stands still."""
-    if len(sums.delays) < LEAST_SCANS - 1 or np.median(sums.clearness) < CLEAR:
-        return np.full(2, np.nan)
+    # Of a few channels no average takes off an echo that is as strong as what stands still.
+    few = sums.shape[0] * sums.shape[1] < _LEAST_PAIRS
+    clear = CLEAR_OF_FEW if few else CLEAR
+    if len(sums.delays) < LEAST_SCANS - 1 or np.median(sums.clearness) < clear:
+        return np.full(3, np.nan)
     step = float(np.median(np.diff(radar.frequency)))
     return np.array(sums.delays) / (2 * np.pi * step) * 1e12
 

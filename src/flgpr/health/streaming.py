@@ -45,7 +45,8 @@ _FIRST_JUDGED = 24  # scans from which on sums are judged, and then at twice as 
 _EVERY = (4, 16)  # scans between two looks at the geometry, while there are few, and later
 _MANY = 32  # scans, after which it is later
 _LEAST_VALUES = 10  # of the agreement of looks, to be judged
-_FIRST_VALUES = 4  # from which on a way may be far off
+_FIRST_VALUES = 4  # from which on a way may be far off, or clearly the right one
+_CLEAR_DB = 12.0  # of such a way: the stated one shows nothing in common
 _FAR = 0.5  # of the agreement as stated, under which a way is
 _REMEMBERED = 160  # places, and values of the agreement, that are judged
 _FEW_TONES = 0.01  # share of the tones that are filled in from those beside
@@ -412,11 +413,14 @@ class LiveLooks:
             pairs = np.column_stack([stated, other.agreement(points_every=POINTS_FEW)])
             known += pairs.tolist()
             del known[:-_REMEMBERED]
-        ways = [
-            Way.compared(one, *np.transpose(known))
-            for one in HYPOTHESES
-            if len(known := self._values.get(one.name, [])) >= _LEAST_VALUES
-        ]
+        ways = []
+        for one in HYPOTHESES:
+            known = self._values.get(one.name, [])
+            if len(known) < _FIRST_VALUES:
+                continue
+            way = Way.compared(one, *np.transpose(known))
+            if len(known) >= _LEAST_VALUES or way.gain_db > _CLEAR_DB:
+                ways.append(way)
         best = best_way(ways)
         return [] if best is None else [best.finding]
 

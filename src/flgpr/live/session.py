@@ -604,7 +604,8 @@ class LiveRun:
         detector = self._detector
         intake = self._intake
         if detector is None or intake is None:
-            return LiveReport({}, latency_percentiles([]), 0, float("nan"))
+            counts = {} if intake is None else dict(intake.counts)
+            return LiveReport(counts, latency_percentiles([]), 0, float("nan"))
         self._report_senders(events)
         for name, count in self._senders.items():
             intake.counts[name] += count

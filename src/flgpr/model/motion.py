@@ -68,9 +68,9 @@ class Motion:
                 f"{some_steps(self.restarts)}"
             )
         if self.clock:
-            lines.append(
-                f"the clock jumps {_times(self.clock)}, positions do not: {some_steps(self.clock)}"
-            )
+            jumps = [step for step in self.clock if step.value]
+            what = f"the clock jumps {_times(jumps)}" if jumps else "the clock stands still"
+            lines.append(f"{what}, positions do not: {some_steps(self.clock)}")
         return lines
 
     def as_json(self) -> dict[str, Any]:
@@ -215,6 +215,7 @@ def _doubtful(
     swerve = np.hypot(*(step[1:] - continued).T)
     most = np.maximum(limits.acceleration * now * (now + past) / 2, FLOOR["acceleration"])
     doubt[1:] |= (swerve > most) & known[1:] & known[:-1]
+    doubt[REMEMBERED - 1 :] |= times[REMEMBERED:] == times[:-REMEMBERED]  # a clock may stand
     return np.append(False, doubt)
 
 

@@ -120,6 +120,8 @@ class MotionStep:
         if self.limit == "pause":
             if self.value < 0:
                 return f"clock at {scans} goes back by {-self.value:.6g} s"
+            if self.value == 0:
+                return f"clock at {scans} stands still: no speed is known"
             jump = f"clock at {scans} jumps ahead by {self.value:.6g} s"
             return f"{jump}, at most {self.most:g} s (pause)" if self.value > 0 else jump
         text = f"{scans}: {_WORDS[self.limit].format(value=self.value)}"
@@ -289,6 +291,7 @@ class PoseGate:
         self.held: dict[int, Sighting] = {}  # by number, as they came
         # From a pose held back to the one before that it agrees with.
         self._links: dict[int, int] = {}
+        self._stood = False  # whether the clock did, which is told once
 
     @property
     def _is_confirmed(self) -> bool:
@@ -329,7 +332,7 @@ class PoseGate:
         newest = self.trusted[-1]
         if number <= newest.number:
             return self._judge_late(sighting)
-        clock = clock_step(self.limits, newest, sighting)
+        clock = clock_step(self.limits, newest, sighting) or self._standing_clock(sighting)
         earlier = self.trusted[:-1] if self._is_confirmed else ()
         step = step_between(self.limits, newest, sighting, earlier)
         strain, link = self._link(sighting)
@@ -351,6 +354,16 @@ class PoseGate:
         forgotten = [] if self._is_confirmed else self.confirmed
         self._begin_with([self.held[member] for member in chain])
         return Verdict(chain, dropped, False, step, clock, True, forgotten)
+
+    def _standing_clock(self, sighting: Sighting) -> MotionStep | None:
+        """Return the step of a clock that stood still over all that is remembered of a drive."""
+        since = self.trusted[0]
+        stands = all(known.time == sighting.time for known in self.trusted)
+        way = float(moved(since.pose, sighting.pose)["speed"])
+        if self._stood or len(self.trusted) < REMEMBERED or not stands or way < FLOOR["speed"]:
+            return None
+        self._stood = True
+        return MotionStep(sighting.number, since.number, "pause", 0.0, self.limits.pause)
 
     def _judge_late(self, sighting: Sighting) -> Verdict:
         """Judge a scan that comes after a later one, by the trusted pose next to it."""
@@ -426,6 +439,7 @@ class PoseGate:
             "confirmed": list(self.confirmed),
             "held": [_as_json(sighting) for sighting in self.held.values()],
             "links": [list(link) for link in self._links.items()],
+            "stood": self._stood,
         }
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -435,6 +449,7 @@ class PoseGate:
         self.confirmed = [int(number) for number in state["confirmed"]]
         self.held = {sighting.number: sighting for sighting in held_back}
         self._links = {int(number): int(before) for number, before in state["links"]}
+        self._stood = bool(state.get("stood"))  # a snapshot of a version before has none
 
 
 def _as_json(sighting: Sighting) -> list[Any]:

@@ -176,6 +176,10 @@ class Score:
         )
         if point["area"] > 0:
             sentence += f" on {_square_metres(point['area'])} of other ground"
+        as_many = self.curve[self.curve["n_detected"] == point["n_detected"]]
+        fewest = int(as_many["n_false"].min())
+        if point["n_detected"] > 0 and fewest < point["n_false"]:
+            sentence += f" (as many with {fewest or 'none'})"
         missed = self.missed()
         if 0 < len(missed) <= _MOST_NAMED:
             sentence += f"; missed: {', '.join(map(_named, missed.to_dict('records')))}"
