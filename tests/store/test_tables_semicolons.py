@@ -38,6 +38,7 @@ def test_a_name_with_a_comma_is_no_number(tmp_path):
         ("x;y;confidence\n1,5;2.5;3\n", "decimal commas or decimal points, got both"),
         ("x;y;confidence\n1.234,5;2;3\n", "alarms.x must be numbers"),
         ("x;y\n1;2\n", "must have the columns confidence; got x, y"),
+        ("x,y,confidence\n1,2,True\n", "alarms.confidence must be numbers .* got 'True' in row 1"),
     ],
 )
 def test_what_could_be_read_in_two_ways_is_refused(text, message, tmp_path):

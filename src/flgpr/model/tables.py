@@ -202,6 +202,8 @@ def to_numbers(values: pd.Series[Any], name: str, unit: str) -> pd.Series[Any]:
     ValueError
         If a cell holds no number, or one of more digits than a number of double precision has.
     """
+    if pd.api.types.is_bool_dtype(values):
+        values = values.astype(str)  # as a table has it: no number
     try:
         return pd.to_numeric(values).astype(np.float64)
     except (ValueError, TypeError, OverflowError):
