@@ -8,7 +8,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from flgpr.commands.options import PathLike, Progress, output_option
+from flgpr.commands.options import OUTPUT, PathLike, Progress
 from flgpr.commands.shell import Arguments, Offer, command
 
 PAPERS = ("cosgrove2004", "flsar2004", "fuse2018", "wang2007")
@@ -26,7 +26,7 @@ def reproduce(
         str,
         Argument(help=f"One of {', '.join(PAPERS)}, or all."),
     ],
-    output: Annotated[PathLike | None, output_option("folder to work in")] = None,
+    output: Annotated[PathLike | None, OUTPUT.option("folder to work in")] = None,
     quick: Annotated[
         bool, Option("--quick", help="A small version that only checks that everything runs.")
     ] = False,

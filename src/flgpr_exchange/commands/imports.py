@@ -33,10 +33,8 @@ def import_gprmax(
     band: Limits | None = None,
     transmit: str | None = None,
     ground: float | None = None,
-    horizontal: Annotated[
-        str, Option("--h", help="Files: component of the field that is H.")
-    ] = "x",
-    vertical: Annotated[str, Option("--v", help="Files: component of the field that is V.")] = "z",
+    horizontal: Annotated[str, Option("--h")] = "x",
+    vertical: Annotated[str, Option("--v")] = "z",
     waveform: str | None = None,
     centre: float | None = None,
     *,
@@ -60,7 +58,9 @@ def import_gprmax(
     ground
         Files: height of the ground in the model, m.
     horizontal
+        Files: component of the field that is H.
     vertical
+        Files: component of the field that is V.
     waveform
         Files of gprMax 3: the waveform, such as gaussiandotnorm.
     centre
@@ -148,14 +148,7 @@ def import_cphd(file: PathLike, output: Output, anchor: AnchorOption = None) -> 
 def import_gpr(
     file: Paths,
     output: Output,
-    channel: Annotated[
-        int | None,
-        Option(
-            help="Channel of a file that has several, from 0; by default all that the header "
-            "places, else the first.",
-            min=0,
-        ),
-    ] = None,
+    channel: Annotated[int | None, Option(min=0)] = None,
     step: float | None = None,
     time_zero: float | None = None,
     window: float | None = None,
@@ -190,6 +183,8 @@ def import_gpr(
     Header
     ------
     channel
+        Channel of a file that has several, from 0; by default all that the header places,
+        else the first.
     step
         Trace spacing, m, in place of the header's.
     time_zero

@@ -11,7 +11,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from flgpr.commands.options import PathLike, Paths, Progress, Scheduler, output_option
+from flgpr.commands.options import OUTPUT, PathLike, Paths, Progress, Scheduler
 from flgpr.commands.runs import run_options
 from flgpr.commands.shell import Arguments, command
 
@@ -62,7 +62,7 @@ def run_benchmark(
             "SPLIT.csv; all packaged entries by default."
         ),
     ] = None,
-    output: Annotated[PathLike, output_option("folder to work in")] = Path("proving-ground"),
+    output: Annotated[PathLike, OUTPUT.option("folder to work in")] = Path("proving-ground"),
     quick: Quick = False,
     ground: Chosen = None,
     tier: Tier = None,
@@ -120,7 +120,7 @@ def run_oracle(
 def benchmark_table(
     folders: Annotated[Paths, Argument(help="Folders of `flgpr benchmark run`, of one ground.")],
     output: Annotated[
-        PathLike | None, output_option("folder of the table, by default the first")
+        PathLike | None, OUTPUT.option("folder of the table, by default the first")
     ] = None,
 ) -> str:
     """Compare entries. Alarms without a score are scored, and the look at the truth is logged.
@@ -154,7 +154,7 @@ def compare_benchmark(
         str | None, Option("--with", help="Entry to compare it with, by default the reference.")
     ] = None,
     output: Annotated[
-        PathLike | None, output_option("folder of page, figure, LaTeX and BibTeX")
+        PathLike | None, OUTPUT.option("folder of page, figure, LaTeX and BibTeX")
     ] = None,
     tier: Tier = None,
 ) -> tuple[Path, list[str]]:

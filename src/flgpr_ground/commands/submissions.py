@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from flgpr.commands.options import PathLike, Paths, Progress, Scheduler, output_option
+from flgpr.commands.options import OUTPUT, PathLike, Paths, Progress, Scheduler
 from flgpr.commands.runs import run_options
 from flgpr.commands.shell import Arguments, command
 from flgpr_ground.commands.benchmark import Chosen, Quick, Tier, Workers
@@ -34,7 +34,7 @@ def _folder_lines(folder: Path, _: Arguments) -> Iterator[Any]:
 
 @command(lines=_folder_lines, resumes=True)
 def make_benchmark(
-    output: Annotated[PathLike, output_option("folder of the ground")] = Path("proving-ground"),
+    output: Annotated[PathLike, OUTPUT.option("folder of the ground")] = Path("proving-ground"),
     quick: Quick = False,
     ground: Chosen = None,
     tier: Tier = None,
@@ -121,7 +121,7 @@ def _entered_lines(text: str, call: Arguments) -> Iterator[Any]:
 def enter_benchmark(
     submissions: Submissions,
     output: Annotated[
-        PathLike, output_option("folder of the ground, of `run`, `make` or a new one")
+        PathLike, OUTPUT.option("folder of the ground, of `run`, `make` or a new one")
     ] = Path("proving-ground"),
     ground: OwnGround = None,
 ) -> str:
@@ -144,7 +144,7 @@ def benchmark_leaderboard(
         Argument(help="Folders of `flgpr benchmark enter` or `run`, of one ground."),
     ],
     output: Annotated[
-        PathLike | None, output_option("HTML file, by default leaderboard.html in the first")
+        PathLike | None, OUTPUT.option("HTML file, by default leaderboard.html in the first")
     ] = None,
 ) -> Path:
     """Write the leaderboard from files: submissions beside the packaged entries.

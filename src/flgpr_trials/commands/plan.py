@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from flgpr.commands.options import Output, PathLike, Paths, anchor_option, one_or_more
+from flgpr.commands.options import AnchorOption, Output, PathLike, Paths, one_or_more
 from flgpr.commands.shell import Arguments, command
 from flgpr.commands.trials import REGISTER_COLUMN
 
@@ -115,7 +115,7 @@ def plan_lane(
     edge: float = 0.5,
     recipe: str | None = None,
     book: PathLike | None = None,
-    anchor: Annotated[PathLike | None, anchor_option("adds GeoPackage and GPX")] = None,
+    anchor: AnchorOption = None,
     halo: float = 1.0,
     far: float = 0.05,
 ) -> tuple[pd.DataFrame, dict[str, Any]]:
@@ -139,6 +139,7 @@ def plan_lane(
     edge
         Least distance to the lane's border, m.
     anchor
+        adds GeoPackage and GPX
 
     Register
     --------
@@ -255,13 +256,8 @@ def _register_lines(line: Entries, call: Arguments) -> Iterator[str]:
 
 @command(lines=_register_lines)
 def register_recipe(
-    recipe: Annotated[
-        str,
-        Argument(
-            metavar="FILE", help="What fixes your detector: any file of it, or a packaged recipe."
-        ),
-    ],
-    book: Annotated[PathLike, Option(help="Register of the plan.")],
+    recipe: Annotated[str, Argument(metavar="FILE")],
+    book: Annotated[PathLike, Option()],
     model: PathLike | None = None,
     witness: PathLike | None = None,
 ) -> dict[str, Any]:
@@ -273,6 +269,10 @@ def register_recipe(
         Model that it is run with, of `flgpr train`.
     witness
         A file elsewhere that must hold the register's lines; new ones are added.
+    recipe
+        What fixes your detector: any file of it, or a packaged recipe.
+    book
+        Register of the plan.
 
     Returns
     -------
