@@ -118,9 +118,7 @@ def _last_lines(fit: ClockFit | BiasFit, call: Arguments) -> Iterator[Any]:
 @command(lines=_clock_lines, as_json=_clock_json, quiet=False)
 def calibrate_clock(
     run: RunArgument,
-    area: Annotated[
-        tuple[float, float, float, float], Option(help="Ground to focus: x and y limits, m.")
-    ],
+    area: Annotated[tuple[float, float, float, float], Option()],
     offsets: Offsets,
     output: NewRun = None,
     track: TrackFile = None,
@@ -145,6 +143,8 @@ def calibrate_clock(
         Pixel spacing, m; a quarter wavelength by default.
     rate
         Clock rate to try; may repeat, 1 by default.
+    area
+        Ground to focus: x and y limits, m.
 
     Returns
     -------

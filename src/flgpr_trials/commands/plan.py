@@ -42,7 +42,7 @@ def _mines_lines(plan: SamplePlan, call: Arguments) -> Iterator[str]:
 
 @command(lines=_mines_lines, quiet=False)
 def plan_mines(
-    pd_claim: Annotated[float, Option("--pd", help="Probability of detection to be shown.")] = 0.9,
+    pd_claim: Annotated[float, Option("--pd")] = 0.9,
     far: float = 0.01,
     confidence: float = 0.95,
     true_pd: float | None = None,
@@ -67,6 +67,8 @@ def plan_mines(
         Probability with which the claim shall be shown.
     joint
         Whether the confidence is that of both claims together.
+    pd_claim
+        Probability of detection to be shown.
 
     Returns
     -------

@@ -32,7 +32,7 @@ def _new_lines(trial: TrialFolder, _: Arguments) -> Iterator[Any]:
 @command(lines=_new_lines)
 def trial_new(
     home: Folder,
-    pd_claim: Annotated[float, Option("--pd", help="Probability of detection to be shown.")] = 0.9,
+    pd_claim: Annotated[float, Option("--pd")] = 0.9,
     far: float = 0.05,
     confidence: float = 0.95,
     halo: float = 1.0,
@@ -50,6 +50,8 @@ def trial_new(
         Halo radius, m.
     lane
         or of several; an example by default
+    pd_claim
+        Probability of detection to be shown.
 
     Returns
     -------
