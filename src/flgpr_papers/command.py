@@ -8,7 +8,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from flgpr.commands.options import PathLike, Progress, output_option
+from flgpr.commands.options import OptionalOutput, Progress
 from flgpr.commands.shell import Arguments, Offer, command
 
 PAPERS = ("cosgrove2004", "flsar2004", "fuse2018", "wang2007")
@@ -26,23 +26,27 @@ def reproduce(
         str,
         Argument(help=f"One of {', '.join(PAPERS)}, or all."),
     ],
-    output: Annotated[PathLike | None, output_option("folder to work in")] = None,
-    quick: Annotated[
-        bool, Option("--quick", help="A small version that only checks that everything runs.")
-    ] = False,
-    workers: Annotated[int, Option(min=1, help="Processes: with all one for a paper.")] = 1,
-    world: Annotated[
-        str,
-        Option(
-            help="Lanes of the studies: own, prepared as each paper says; or as-found, as on roads."
-        ),
-    ] = "own",
+    output: OptionalOutput = None,
+    quick: bool = False,
+    workers: Annotated[int, Option(min=1)] = 1,
+    world: str = "own",
     *,
     track: Progress = None,
 ) -> Path:
     """Run a paper's experiment again on simulated lanes and write its page.
 
     An interrupted run resumes.
+
+    Parameters
+    ----------
+    output
+        folder to work in
+    quick
+        A small version that only checks that everything runs.
+    workers
+        Processes: with all one for a paper.
+    world
+        Lanes of the studies: own, prepared as each paper says; or as-found, as on roads.
 
     Returns
     -------

@@ -6,7 +6,7 @@ from typer.testing import CliRunner
 
 from alone import needs
 from flgpr.commands.app import COMMANDS, HELP_PANELS, app
-from flgpr.commands.options import ANCHOR_HELP, LANE_HELP, OUTPUT_HELP, OVERWRITE_HELP
+from flgpr.commands.options import ANCHOR, LANE, OUTPUT, OVERWRITE_HELP
 
 IMPORT_GPR = pytest.param("import gpr", marks=needs("flgpr_exchange"))
 LONG = ("detect", "train", "score", "image", "simulate", "live", IMPORT_GPR, "import mapped")
@@ -60,9 +60,9 @@ def test_boxes_name_options_that_there_are_and_each_once():
 @pytest.mark.parametrize(
     ("name", "names", "help_text"),
     [
-        ("--output", ["-o", "--output"], OUTPUT_HELP),
-        ("--lane", ["--lane"], LANE_HELP),
-        ("--anchor", ["--anchor"], ANCHOR_HELP),
+        ("--output", ["-o", "--output"], OUTPUT.help),
+        ("--lane", ["--lane"], LANE.help),
+        ("--anchor", ["--anchor"], ANCHOR.help),
         ("--json", ["--json"], "Print one JSON object instead of text."),
         ("--quiet", ["--quiet"], "Print nothing but errors."),
     ],

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-from flgpr.commands.options import PathLike, lane_option, output_option
+from flgpr.commands.options import LaneOption, OptionalOutput, PathLike
 from flgpr.commands.shell import Arguments, command
 
 
@@ -48,10 +48,10 @@ def anchor(
     crs: str | None = None,
     accuracy: float | None = None,
     write: PathLike | None = None,
-    lane: Annotated[PathLike | None, lane_option("its corners are computed")] = None,
+    lane: LaneOption = None,
     outline: PathLike | None = None,
     run: PathLike | None = None,
-    output: Annotated[PathLike | None, output_option("run store with its georeference")] = None,
+    output: OptionalOutput = None,
 ) -> dict[str, Any]:
     """Fit a lane to surveyed points: its position on the Earth, and the uncertainty.
 
@@ -69,6 +69,10 @@ def anchor(
         GeoJSON of the lane's outline to write.
     run
         Run store to tie to the Earth.
+    lane
+        its corners are computed
+    output
+        run store with its georeference
 
     Returns
     -------

@@ -9,21 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
-from flgpr.commands.options import (
-    Limits,
-    PathLike,
-    Progress,
-    RunArgument,
-    anchor_option,
-    output_option,
-)
+from flgpr.commands.options import ANCHOR, OUTPUT, Limits, PathLike, Progress, RunArgument
 from flgpr.commands.shell import Arguments, command, written
 
 if TYPE_CHECKING:
     from flgpr.calibrate import BiasFit, ClockFit, GroundFit
     from flgpr.types import Entries
 
-NewRun = Annotated[PathLike | None, output_option("calibrated run store")]
+NewRun = Annotated[PathLike | None, OUTPUT.option("calibrated run store")]
 Reflectors = Annotated[PathLike, Option(help="CSV of reflectors: x_m, y_m, z_m in the lane frame.")]
 Tolerance = Annotated[
     float,
@@ -34,7 +27,7 @@ Offsets = Annotated[Limits, Option(help="Least and greatest offset of the track'
 TrackFile = Annotated[
     PathLike | None, Option("--track", help="CSV track or NMEA log; NAME-track.csv by default.")
 ]
-TrackAnchor = Annotated[PathLike | None, anchor_option("to read an NMEA log")]
+TrackAnchor = Annotated[PathLike | None, ANCHOR.option("to read an NMEA log")]
 Step = Annotated[float, "First step of the offsets, s; halved four times around the best."]
 KeepStanding = Annotated[
     bool,
@@ -125,9 +118,7 @@ def _last_lines(fit: ClockFit | BiasFit, call: Arguments) -> Iterator[Any]:
 @command(lines=_clock_lines, as_json=_clock_json, quiet=False)
 def calibrate_clock(
     run: RunArgument,
-    area: Annotated[
-        tuple[float, float, float, float], Option(help="Ground to focus: x and y limits, m.")
-    ],
+    area: Annotated[tuple[float, float, float, float], Option()],
     offsets: Offsets,
     output: NewRun = None,
     track: TrackFile = None,
@@ -152,6 +143,8 @@ def calibrate_clock(
         Pixel spacing, m; a quarter wavelength by default.
     rate
         Clock rate to try; may repeat, 1 by default.
+    area
+        Ground to focus: x and y limits, m.
 
     Returns
     -------

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-from flgpr.commands.options import PathLike, RunArgument, lane_option
+from flgpr.commands.options import LaneOption, RunArgument
 from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:
@@ -35,13 +35,18 @@ def _lines(checked: Checked, _: Arguments) -> Iterator[Any]:
 )
 def check(
     run: RunArgument,
-    lane: Annotated[PathLike | None, lane_option("with it the course is checked, too")] = None,
+    lane: LaneOption = None,
 ) -> Checked:
     """Say whether a recording is right; exit status 1 if something is wrong.
 
     Tried is which sign of phase, orders of tones and pairs, heading, lag of poses, height and units
     make the looks of consecutive scans agree best. Channels, tones, scans and positions are judged
     as `flgpr detect` judges them.
+
+    Parameters
+    ----------
+    lane
+        with it the course is checked, too
 
     Returns
     -------

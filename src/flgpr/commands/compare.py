@@ -4,16 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-from flgpr.commands.options import (
-    Overwrite,
-    PathLike,
-    ResultsLike,
-    lane_option,
-    one_or_more,
-    output_option,
-)
+from flgpr.commands.options import LaneOption, OptionalOutput, Overwrite, ResultsLike, one_or_more
 from flgpr.commands.score_request import (
     PANELS,
     Book,
@@ -62,10 +55,8 @@ def comparison_json(_: SideBySide | None, call: Arguments) -> Any:
 def compare(
     alarms: ResultsLike,
     truth: Truth = None,
-    lane: Annotated[
-        PathLike | None, lane_option("or a CSV of several; results have their own")
-    ] = None,
-    output: Annotated[PathLike | None, output_option("folder of the page and its JSON")] = None,
+    lane: LaneOption = None,
+    output: OptionalOutput = None,
     halo: float | None = None,
     far: Far = None,
     recipe: Recipes = None,
@@ -86,6 +77,10 @@ def compare(
         Result folders and alarm lists (CSV), two or more.
     halo
         Halo radius in metres; by default that of the results, or 1 m.
+    lane
+        or a CSV of several; results have their own
+    output
+        folder of the page and its JSON
 
     Returns
     -------

@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Concatenate, ParamSpec, Protoc
 from typer import Option
 
 from flgpr.commands.options import (
+    LANE,
     REQUIRED,
     LanesLike,
+    OptionalOutput,
     Overwrite,
     PathLike,
     Paths,
@@ -24,9 +26,7 @@ from flgpr.commands.options import (
     Scheduler,
     ShellType,
     With,
-    lane_option,
     one_or_more,
-    output_option,
     runs_by_name,
 )
 from flgpr.commands.runs import RunLocations, check_same_lane, is_in_memory, run_options
@@ -158,19 +158,12 @@ def _typed(function: Callable[Concatenate[Any, P], Any]) -> OneOrList[P]:
 def detect(
     runs: RunsLike,
     recipe: Annotated[PathLike | None, ShellType(str)] = None,
-    output: Annotated[
-        PathLike | None, output_option("result folder; a folder of them for several runs"), REQUIRED
-    ] = None,
-    lane: Annotated[
-        LanesLike | None,
-        lane_option("once per run"),
-    ] = None,
+    output: Annotated[OptionalOutput, REQUIRED] = None,
+    lane: Annotated[LanesLike | None, LANE] = None,
     model: PathLike | None = None,
-    workers: Annotated[int | None, Option(help="Processes; the result is the same.", min=1)] = None,
+    workers: Annotated[int | None, Option(min=1)] = None,
     scheduler: Scheduler = None,
-    lanes_at_once: Annotated[
-        int | None, Option(help="Lanes at the same time; needs workers or a scheduler.", min=1)
-    ] = None,
+    lanes_at_once: Annotated[int | None, Option(min=1)] = None,
     max_memory: str | int = "2GB",
     section: float | None = None,
     before: Paths | None = None,
@@ -198,6 +191,8 @@ def detect(
         Takes a report of every piece of work that was done.
     pass_cache
         Folder of backgrounds and run-views that other recipes share.
+    output
+        result folder; a folder of them for several runs
 
     Recipe and lane
     ---------------
@@ -206,6 +201,7 @@ def detect(
     model
         Model of `flgpr train` for the recipe.
     lane
+        once per run
     before
         Earlier run of the same road, of a single run; once per run. What they predict is
         subtracted: what has changed stands out.
@@ -221,8 +217,10 @@ def detect(
     Work
     ----
     workers
+        Processes; the result is the same.
     scheduler
     lanes_at_once
+        Lanes at the same time; needs workers or a scheduler.
     max_memory
         Memory of each process; larger lanes are processed in sections.
     section

@@ -8,7 +8,7 @@ from typing import Annotated
 from typer import Option
 
 from flgpr.commands.exports import Wish, export_formats, write_export
-from flgpr.commands.options import Output, PathLike, anchor_option
+from flgpr.commands.options import AnchorOption, Output, PathLike
 from flgpr.commands.shell import command
 
 
@@ -17,10 +17,7 @@ def export(
     source: PathLike,
     output: Output,
     to: Annotated[str, Option(help=f"One of {', '.join(export_formats())}.")],
-    anchor: Annotated[
-        PathLike | None,
-        anchor_option("needed where the data have no georeference"),
-    ] = None,
+    anchor: AnchorOption = None,
     kind: str | None = None,
     time: str | None = None,
     detection: str | None = None,
@@ -50,6 +47,8 @@ def export(
         Columns of a table that have other names: x=Rechts,y=Hoch.
     organisation
         With imsma: organisation that made the survey.
+    anchor
+        needed where the data have no georeference
 
     Returns
     -------

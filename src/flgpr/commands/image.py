@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Option
 
 from flgpr.commands.options import (
+    OUTPUT,
     REQUIRED,
+    AnchorOption,
     Limits,
     OneOrMorePaths,
     PathLike,
     Progress,
     ShellType,
-    anchor_option,
     one_or_more,
-    output_option,
 )
 from flgpr.commands.shell import Arguments, command, options_given
 
@@ -43,7 +43,7 @@ def image(
     run: PathLike,
     output: Annotated[
         OneOrMorePaths,
-        output_option(".png, .npz, .zarr or .tif; may repeat"),
+        OUTPUT,
         REQUIRED,
         ShellType(list[Path]),
     ] = (),
@@ -62,10 +62,10 @@ def image(
     permittivity: float | None = None,
     ground: float | None = None,
     reach: float | None = None,
-    anchor: Annotated[PathLike | None, anchor_option("for .tif")] = None,
-    points: Annotated[int, Option(help="Number of brightest points.", min=1, max=100)] = 5,
+    anchor: AnchorOption = None,
+    points: Annotated[int, Option(min=1, max=100)] = 5,
     depth: Sequence[float] | None = None,
-    channel: Annotated[int, Option(help="Recording: channel, from 0.", min=0)] = 0,
+    channel: Annotated[int, Option(min=0)] = 0,
     until: float | None = None,
     dewow: bool = False,
     background: bool = False,
@@ -80,6 +80,12 @@ def image(
     ----------
     run
         Run store, or a recording (.dzt, .dt1, ...), whose traces are drawn as they are.
+    output
+        .png, .npz, .zarr or .tif; may repeat
+    anchor
+        for .tif
+    points
+        Number of brightest points.
 
     Ground
     ------
@@ -125,6 +131,7 @@ def image(
     Recordings
     ----------
     channel
+        Recording: channel, from 0.
     until
         Recording: last two-way time, ns; all by default.
     dewow

@@ -8,15 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
-from flgpr.commands.options import (
-    AnchorOption,
-    Output,
-    PathLike,
-    Paths,
-    Point,
-    anchor_option,
-    size_in_bytes,
-)
+from flgpr.commands.options import AnchorOption, Output, PathLike, Paths, Point, size_in_bytes
 from flgpr.commands.shell import Arguments, command, options_given
 
 if TYPE_CHECKING:
@@ -212,10 +204,7 @@ def import_table(
     output: Output,
     kind: str = "alarms",
     columns: str | None = None,
-    anchor: Annotated[
-        PathLike | None,
-        anchor_option("for longitude and latitude"),
-    ] = None,
+    anchor: AnchorOption = None,
 ) -> pd.DataFrame:
     """Read a table of alarms, truth or objects in any dialect, and write it as flgpr does.
 
@@ -227,6 +216,8 @@ def import_table(
         What it holds: alarms, truth or objects.
     columns
         Columns that have other names: x=Rechts,y=Hoch,confidence=Wert.
+    anchor
+        for longitude and latitude
 
     Returns
     -------

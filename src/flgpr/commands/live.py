@@ -19,11 +19,11 @@ from flgpr.commands.messages import say
 from flgpr.commands.options import (
     OVERWRITE_HELP,
     AnchorOption,
+    LaneOption,
+    Output,
     PathLike,
     Paths,
-    lane_option,
     one_or_more,
-    output_option,
 )
 from flgpr.commands.shell import Arguments, ErrorStreamText, command
 
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from flgpr.live.options import LiveOptions, LiveReport
     from flgpr.live.session import LiveRun
 
-Lane = Annotated[PathLike | None, lane_option()]
 Socket = Annotated[PathLike | None, "Unix socket that scans arrive on."]
 Tcp = Annotated[
     str | None,
@@ -144,29 +143,21 @@ def _print_event(line: str) -> None:
     compiles_kernels=True,
 )
 def live(
-    incoming: Annotated[
-        PathLike | None,
-        Argument(help="Folder that the radar writes scans into, or a recording (.mcap) to play."),
-    ] = None,
+    incoming: Annotated[PathLike | None, Argument()] = None,
     recipe: str | None = None,
     model: PathLike | None = None,
-    output: Annotated[
-        PathLike, output_option("folder of events, snapshot and alarms")
-    ] = "live-result",
+    output: Output = "live-result",
     socket: Socket = None,
     tcp: Tcp = None,
     secret_file: SecretFile = None,
-    lane: Lane = None,
+    lane: LaneOption = None,
     anchor: AnchorOption = None,
     speed: float | None = None,
     reaction: float | None = None,
     deceleration: float | None = None,
     front: float | None = None,
     looks: int = 3,
-    warm_up: Annotated[
-        int,
-        Option(min=3, help="The first scan to be cleaned; earlier ones only train the background."),
-    ] = 5,
+    warm_up: Annotated[int, Option(min=3)] = 5,
     span: int | None = None,
     snapshot: int = 20,
     idle: float | None = None,
@@ -193,6 +184,10 @@ def live(
         At the end write live.mcap, which Foxglove plays.
     emit
         Takes every event, a line of JSON; none by default.
+    incoming
+        Folder that the radar writes scans into, or a recording (.mcap) to play.
+    output
+        folder of events, snapshot and alarms
 
     Where scans come from
     ---------------------
@@ -219,6 +214,7 @@ def live(
     looks
         Scans that must have seen a point before an alarm.
     warm_up
+        The first scan to be cleaned; earlier ones only train the background.
     span
         Scans that the background is estimated from; all by default.
     worth
@@ -317,7 +313,7 @@ def live(
 @command(lines=lambda count, _: [f"played {count} scans"])
 def feed(
     run: PathLike,
-    incoming: Annotated[PathLike | None, Argument(help="Folder to write scans into.")] = None,
+    incoming: Annotated[PathLike | None, Argument()] = None,
     rate: float = 4.2,
     socket: Socket = None,
     tcp: Tcp = None,
@@ -343,6 +339,8 @@ def feed(
         Time between the run's description and its first scan, s.
     fault
         Rehearse a fault: lost, late, twice, nan or jump, as lost:40:13; may repeat.
+    incoming
+        Folder to write scans into.
 
     Returns
     -------

@@ -8,9 +8,9 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-from flgpr.commands.options import OneOrMorePaths, PathLike, one_or_more, output_option
+from flgpr.commands.options import OneOrMorePaths, OptionalOutput, one_or_more
 from flgpr.commands.shell import Arguments, command
 from flgpr.model.printable import printable
 
@@ -54,9 +54,7 @@ def _lines(opened: Opened, _: Arguments) -> Iterator[str | Path]:
 @command(lines=_lines, as_json=True, quiet=False)
 def open_files(
     paths: OneOrMorePaths,
-    output: Annotated[
-        PathLike | None, output_option("mapping, TOML; the picture lies beside it as .png")
-    ] = None,
+    output: OptionalOutput = None,
 ) -> Opened:
     """Say what files hold, which questions are open before they can be imported, and what is next.
 
@@ -67,6 +65,8 @@ def open_files(
     ----------
     paths
         File of any format, or all files of one measurement.
+    output
+        mapping, TOML; the picture lies beside it as .png
 
     Returns
     -------

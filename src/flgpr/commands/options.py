@@ -1,9 +1,9 @@
 """Options that several commands have, and the types that their functions take.
 
-A command's function describes its parameters once, in its signature. An ``Argument`` or ``Option``
-with its help makes a parameter one of the command line; a plain sentence in its place makes it a
-parameter for Python alone. What the command line parses for each type is in
-:func:`flgpr.commands.signatures.shell_type`.
+A command's function describes its parameters once: their types in its signature, what they are in
+its docstring. An ``Argument`` or ``Option`` beside the type says more of a parameter of the command
+line, such as its bounds; a :class:`SharedOption` begins a help that the docstring ends. What the
+command line parses for each type is in :func:`flgpr.commands.signatures.shell_type`.
 """
 
 from __future__ import annotations
@@ -56,33 +56,29 @@ class ShellType:
 REQUIRED = ShellDefault(...)
 """Marks an option that must be given on the command line and may be left out in Python."""
 
-OUTPUT_HELP = "What to write"
-LANE_HELP = "TOML of the lane: x_min, x_max, y_min, y_max, m"
-ANCHOR_HELP = "TOML that ties the lane to the Earth"
 OVERWRITE_HELP = "Make it anew, whatever the output holds of an earlier run."
 
 
-def output_option(what: str = "") -> Any:
-    """Return the option ``-o``; ``what`` a command writes is said in a few words."""
-    return Option("-o", "--output", help=f"{OUTPUT_HELP}{_more(': ', what)}.")
+@dataclass(frozen=True)
+class SharedOption:
+    """An option that several commands have; what each says of it stands in its docstring."""
+
+    names: tuple[str, ...]
+    help: str
+    sign: str = "; "  #: between this help and what a command adds to it
+
+    def option(self, more: str = "") -> Any:
+        """Return the option with what a command says of it in a few words."""
+        return Option(*self.names, help=f"{self.help}{more and self.sign + more}.")
 
 
-def lane_option(more: str = "") -> Any:
-    """Return the option ``--lane`` with what a command says of it in addition."""
-    return Option("--lane", help=f"{LANE_HELP}{_more('; ', more)}.")
-
-
-def anchor_option(use: str = "") -> Any:
-    """Return the option ``--anchor`` with what a command needs it for."""
-    return Option("--anchor", help=f"{ANCHOR_HELP}{_more('; ', use)}.")
-
-
-def _more(sign: str, text: str) -> str:
-    """Return what is added to a help, behind its sign."""
-    return sign + text if text else ""
-
-
-Output = Annotated[PathLike, output_option()]
+OUTPUT = SharedOption(("-o", "--output"), "What to write", ": ")
+LANE = SharedOption(("--lane",), "TOML of the lane: x_min, x_max, y_min, y_max, m")
+ANCHOR = SharedOption(("--anchor",), "TOML that ties the lane to the Earth")
+Output = Annotated[PathLike, OUTPUT]
+OptionalOutput = Annotated[PathLike | None, OUTPUT]
+LaneOption = Annotated[PathLike | None, LANE]
+AnchorOption = Annotated[PathLike | None, ANCHOR]
 Overwrite = Annotated[
     bool,
     OVERWRITE_HELP,
@@ -97,7 +93,6 @@ With = Annotated[
     ),
 ]
 RunArgument = Annotated[PathLike, "Run store."]
-AnchorOption = Annotated[PathLike | None, anchor_option()]
 Progress = Annotated[Optional["Track"], "Shows progress; silent by default."]
 
 

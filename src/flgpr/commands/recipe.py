@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from flgpr.commands.options import PathLike, RunArgument, ShellType, output_option
+from flgpr.commands.options import OptionalOutput, PathLike, RunArgument, ShellType
 from flgpr.commands.shell import Arguments, RawText, command
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def show_recipe(name: RecipeArgument) -> str:
 @command(lines=_text_lines)
 def recipe_for(
     run: RunArgument,
-    output: Annotated[PathLike | None, output_option("TOML file; else it is printed")] = None,
+    output: OptionalOutput = None,
     like: Annotated[PathLike | None, ShellType(str)] = None,
 ) -> str:
     """Make a recipe for a run's band, polarizations and array.
@@ -71,6 +71,8 @@ def recipe_for(
     ----------
     like
         Recipe whose method it has, such as fused; by default parts of wang2007.
+    output
+        TOML file; else it is printed
 
     Returns
     -------

@@ -10,14 +10,14 @@ from typing import Annotated, Any
 from flgpr.commands.agree import agree, agreement_json, agreement_lines
 from flgpr.commands.compare import compare, comparison_json, comparison_text
 from flgpr.commands.options import (
+    LaneOption,
+    OptionalOutput,
     Overwrite,
     PathLike,
     Progress,
     ResultsLike,
     ShellType,
-    lane_option,
     one_or_more,
-    output_option,
 )
 from flgpr.commands.score_request import (
     PANELS,
@@ -114,14 +114,8 @@ def score(
     alarms: ResultsLike,
     truth: Truth = None,
     objects: PathLike | None = None,
-    lane: Annotated[
-        PathLike | None,
-        lane_option("or a CSV of several; a result folder has its own"),
-    ] = None,
-    output: Annotated[
-        PathLike | None,
-        output_option("folder of the report and its JSON"),
-    ] = None,
+    lane: LaneOption = None,
+    output: OptionalOutput = None,
     halo: float | None = None,
     far: Far = None,
     seal: bool = False,
@@ -157,6 +151,10 @@ def score(
         With --seal: see flgpr seal.
     agreement
         The same as flgpr agree.
+    lane
+        or a CSV of several; a result folder has its own
+    output
+        folder of the report and its JSON
 
     Returns
     -------

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from flgpr.commands.options import (
+    ANCHOR,
     OneOrMorePaths,
     PathLike,
     ShellType,
     TruthLike,
-    anchor_option,
     one_or_more,
 )
 
@@ -51,7 +51,7 @@ Columns = Annotated[
 ]
 TruthColumns = Annotated[str | None, "The same for the truth."]
 ListAnchor = Annotated[
-    PathLike | None, anchor_option("for lists and truth by longitude and latitude")
+    PathLike | None, ANCHOR.option("for lists and truth by longitude and latitude")
 ]
 Vendor = Annotated[
     str | Sequence[str] | None,

@@ -12,7 +12,6 @@ import inspect
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
 from operator import itemgetter
@@ -192,16 +191,15 @@ def _shell_parameters(described: Command) -> list[inspect.Parameter]:
     titles = {name: title for title, names in described.panels.items() for name in names}
     ranked: list[tuple[int, inspect.Parameter]] = []
     for name, parsed, declared, default in taken:
-        shell = copy(declared)  # several commands may have the same option
-        shell.rich_help_panel = titles.get(name, shell.rich_help_panel)
+        declared.rich_help_panel = titles.get(name, declared.rich_help_panel)
         keyword = inspect.Parameter(
             name,
             inspect.Parameter.KEYWORD_ONLY,
             default=default,
-            annotation=Annotated[parsed, shell],
+            annotation=Annotated[parsed, declared],
         )
         rank = 2 if default is not inspect.Parameter.empty else 1
-        ranked.append((0 if isinstance(shell, ArgumentInfo) else rank, keyword))
+        ranked.append((0 if isinstance(declared, ArgumentInfo) else rank, keyword))
     return [keyword for _, keyword in sorted(ranked, key=itemgetter(0))]
 
 

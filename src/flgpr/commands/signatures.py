@@ -6,6 +6,7 @@ import inspect
 import re
 import types
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ForwardRef, Literal, Union, get_args, get_origin
@@ -13,7 +14,7 @@ from typing import Any, ForwardRef, Literal, Union, get_args, get_origin
 from typer import Argument, Option
 from typer.models import ArgumentInfo, OptionInfo
 
-from flgpr.commands.options import ShellDefault, ShellType
+from flgpr.commands.options import SharedOption, ShellDefault, ShellType
 
 _EMPTY = inspect.Parameter.empty
 _SEQUENCES = (Sequence, list)
@@ -81,9 +82,9 @@ def parameters_of(function: Callable[..., Any]) -> list[Parameter]:
     """
     parameters = inspect.signature(function).parameters
     # Without that of the returned value, which may name a class that is not loaded.
-    copy = types.FunctionType(function.__code__, function.__globals__)
-    copy.__annotations__ = {name: function.__annotations__[name] for name in parameters}
-    annotations = inspect.get_annotations(copy, eval_str=True)
+    bare = types.FunctionType(function.__code__, function.__globals__)
+    bare.__annotations__ = {name: function.__annotations__[name] for name in parameters}
+    annotations = inspect.get_annotations(bare, eval_str=True)
     sentences = documentation_of(function).sentences
     return [
         _parameter(one, annotations[name], sentences.get(name, ""))
@@ -104,9 +105,11 @@ def _parameter(declared: inspect.Parameter, annotation: Any, sentence: str) -> P
     # An empty sequence is what Typer calls None.
     shell_default = None if declared.default == () else declared.default
     for mark in marks:
-        if isinstance(mark, ArgumentInfo | OptionInfo):
-            shell = mark
-            sentence = mark.help or ""
+        if isinstance(mark, SharedOption):
+            shell = mark.option(sentence)
+        elif isinstance(mark, ArgumentInfo | OptionInfo):
+            shell = copy(mark)  # several commands may have the same option
+            shell.help = mark.help or sentence
         elif isinstance(mark, ShellDefault):
             shell_default = _EMPTY if mark.value is ... else mark.value
         elif isinstance(mark, ShellType):
@@ -114,7 +117,9 @@ def _parameter(declared: inspect.Parameter, annotation: Any, sentence: str) -> P
             parsed_type = mark.type | None if is_optional else mark.type
         else:
             sentence = mark
-    if shell is None and declared.kind is not declared.KEYWORD_ONLY:
+    if shell is not None:
+        sentence = shell.help or ""
+    elif declared.kind is not declared.KEYWORD_ONLY:
         if declared.default is _EMPTY:
             shell = Argument(help=sentence)
         else:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from flgpr.commands.options import PathLike, Progress, output_option
+from flgpr.commands.options import OptionalOutput, PathLike, Progress
 from flgpr.commands.shell import Arguments, command, options_given
 
 if TYPE_CHECKING:
@@ -45,23 +45,13 @@ def _lines(written: SimulationOutput, _: Arguments) -> Iterator[str]:
 )
 def simulate_lane(
     scene: PathLike,
-    body: Annotated[
-        str | None,
-        Argument(help="After signature: body (TOML) whose table to make, or none to list them."),
-    ] = None,
-    output: Annotated[
-        PathLike | None,
-        output_option("run store, folder of decks or table"),
-    ] = None,
+    body: Annotated[str | None, Argument()] = None,
+    output: OptionalOutput = None,
     sensor: str = "sri-array",
     seed: int = 1,
-    drive: Annotated[
-        int, Option(min=1, help="Of a scene with later drives over the road: which one.")
-    ] = 1,
+    drive: Annotated[int, Option(min=1)] = 1,
     worlds: PathLike | None = None,
-    errors: Annotated[
-        bool, Option("--errors/--no-errors", help="Whether the sensor's errors are added.")
-    ] = True,
+    errors: Annotated[bool, Option("--errors/--no-errors")] = True,
     preview: PathLike | None = None,
     truth: PathLike | None = None,
     restart: bool = False,
@@ -69,7 +59,7 @@ def simulate_lane(
     engine: str = ("flgpr"),
     cells: float = 10.0,
     max_cells: float = 3e8,
-    workers: Annotated[int, Option(min=1, help="signature: processes.")] = 1,
+    workers: Annotated[int, Option(min=1)] = 1,
     *,
     track: Progress = None,
 ) -> SimulationOutput:
@@ -82,6 +72,10 @@ def simulate_lane(
     ----------
     scene
         Scene (TOML), or the word signature.
+    output
+        run store, folder of decks or table
+    body
+        After signature: body (TOML) whose table to make, or none to list them.
 
     Scene and sensor
     ----------------
@@ -90,9 +84,11 @@ def simulate_lane(
     seed
         The same seed gives the same lane, bit for bit.
     drive
+        Of a scene with later drives over the road: which one.
     worlds
         What of scene and sensor the seed draws anew, for training: any-road, or a TOML file.
     errors
+        Whether the sensor's errors are added.
     truth
         CSV of the truth; by default NAME-truth.csv.
     preview
@@ -114,6 +110,7 @@ def simulate_lane(
     force
         Simulate or draw even where the estimate of memory or time is very large.
     workers
+        signature: processes.
 
     Returns
     -------

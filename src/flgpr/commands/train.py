@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Option
 
 from flgpr.commands.options import (
+    LANE,
     REQUIRED,
+    OptionalOutput,
     Overwrite,
     PathLike,
     Paths,
@@ -18,8 +20,6 @@ from flgpr.commands.options import (
     Scheduler,
     ShellType,
     With,
-    lane_option,
-    output_option,
     runs_by_name,
 )
 from flgpr.commands.runs import run_options
@@ -50,29 +50,17 @@ def _train_lines(model: Model, call: Arguments) -> Iterator[Any]:
 )
 def train(
     runs: Paths,
-    truths: Annotated[
-        Paths, Option("--truth", help="CSV of the targets of each run, in the same order.")
-    ],
+    truths: Annotated[Paths, Option("--truth")],
     recipe: Annotated[PathLike, ShellType(str)] = "wang2007",
-    output: Annotated[PathLike | None, output_option("folder of the model"), REQUIRED] = None,
-    features: Annotated[
-        tuple[str, ...] | list[str],
-        Option("--feature", help="Feature in place of the recipe's; once per feature."),
-    ] = (),
-    lanes: Annotated[Paths | None, lane_option("once per run")] = None,
+    output: Annotated[OptionalOutput, REQUIRED] = None,
+    features: Annotated[tuple[str, ...] | list[str], Option("--feature")] = (),
+    lanes: Annotated[Paths | None, LANE] = None,
     others: With = (),
-    workers: Annotated[int | None, Option(help="Processes; the model is the same.", min=1)] = None,
+    workers: Annotated[int | None, Option(min=1)] = None,
     scheduler: Scheduler = None,
     max_memory: str | int = "2GB",
     overwrite: Overwrite = True,
-    check: Annotated[
-        bool,
-        Option(
-            "--check/--no-check",
-            help="Whether a recipe fitted to the array is compared with the contrast on "
-            "simulated lanes.",
-        ),
-    ] = True,
+    check: Annotated[bool, Option("--check/--no-check")] = True,
     *,
     label_radius: float = 1.0,
     track: Progress = None,
@@ -95,20 +83,28 @@ def train(
         Takes a report of every piece of work that was done.
     pass_cache
         Folder of backgrounds and run-views that other recipes share.
+    output
+        folder of the model
 
     Recipe and lanes
     ----------------
     truths
+        CSV of the targets of each run, in the same order.
     recipe
         Recipe with features, or with stages that learn.
     features
+        Feature in place of the recipe's; once per feature.
     lanes
+        once per run
     others
     check
+        Whether a recipe fitted to the array is compared with the contrast on simulated
+        lanes.
 
     Work
     ----
     workers
+        Processes; the model is the same.
     scheduler
     max_memory
         Memory of each process; a lane that takes more is refused.

@@ -17,29 +17,26 @@ from flgpr.commands.shell import command
     quiet=False,
 )
 def view(
-    paths: Annotated[
-        Paths | None,
-        Argument(
-            help="Result, run, recording or score; two results or two scores are compared; "
-            "none with --live."
-        ),
-    ] = None,
-    port: Annotated[int, Option(help="Port; 0 takes a free one.", min=0, max=65535)] = 0,
+    paths: Annotated[Paths | None, Argument()] = None,
+    port: Annotated[int, Option(min=0, max=65535)] = 0,
     host: str = "127.0.0.1",
     allow_remote: bool = False,
     no_browser: bool = False,
     live: PathLike | None = None,
     answers: bool = False,
     anchor: AnchorOption = None,
-    backdrop: Annotated[
-        PathLike | None,
-        Option("--map", help="Map or photograph below the lane: GeoTIFF, MBTiles, GeoPackage."),
-    ] = None,
+    backdrop: Annotated[PathLike | None, Option("--map")] = None,
     verdicts: PathLike | None = None,
 ) -> None:
     """Show results in the browser, on this machine.
 
     Nothing is written, except with --verdicts and --answers.
+
+    Parameters
+    ----------
+    paths
+        Result, run, recording or score; two results or two scores are compared; none with
+        --live.
 
     What is shown
     -------------
@@ -49,12 +46,14 @@ def view(
         With --live: keep what the driver answers to alarms in its folder.
     anchor
     backdrop
+        Map or photograph below the lane: GeoTIFF, MBTiles, GeoPackage.
     verdicts
         JSON beside the result that keeps an analyst's verdicts and notes.
 
     Server
     ------
     port
+        Port; 0 takes a free one.
     host
         Address to listen on.
     allow_remote

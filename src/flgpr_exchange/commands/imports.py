@@ -6,11 +6,12 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Argument, Option
+from typer import Option
 
 from flgpr.commands.imports import FromTrack
 from flgpr.commands.options import (
     AnchorOption,
+    Limits,
     Output,
     PathLike,
     Paths,
@@ -24,52 +25,46 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-@command(
-    panels={
-        "Result files": (
-            "band",
-            "transmit",
-            "ground",
-            "horizontal",
-            "vertical",
-            "waveform",
-            "centre",
-        ),
-    },
-    resumes=True,
-)
+@command(resumes=True)
 def import_gprmax(
-    source: Annotated[
-        Paths,
-        Argument(help="Folder of decks that flgpr wrote, with all results, or result files."),
-    ],
+    source: Paths,
     output: Output,
-    keep_direct: Annotated[
-        bool, Option("--keep-direct", help="Folder: leave the direct wave in the data.")
-    ] = False,
-    band: Annotated[
-        tuple[float, float] | None, Option(help="Files: first and last tone, Hz.")
-    ] = None,
-    transmit: Annotated[
-        str | None, Option(help="Files: polarization of the source, H or V.")
-    ] = None,
-    ground: Annotated[
-        float | None, Option(help="Files: height of the ground in the model, m.")
-    ] = None,
-    horizontal: Annotated[
-        str, Option("--h", help="Files: component of the field that is H.")
-    ] = "x",
-    vertical: Annotated[str, Option("--v", help="Files: component of the field that is V.")] = "z",
-    waveform: Annotated[
-        str | None, Option(help="Files of gprMax 3: the waveform, such as gaussiandotnorm.")
-    ] = None,
-    centre: Annotated[
-        float | None, Option(help="Files of gprMax 3: the waveform's frequency, Hz.")
-    ] = None,
+    keep_direct: bool = False,
+    band: Limits | None = None,
+    transmit: str | None = None,
+    ground: float | None = None,
+    horizontal: Annotated[str, Option("--h")] = "x",
+    vertical: Annotated[str, Option("--v")] = "z",
+    waveform: str | None = None,
+    centre: float | None = None,
     *,
     track: Progress = None,
 ) -> list[Path]:
     """Import gprMax results: a folder of decks that flgpr wrote, or other files, one per scan.
+
+    Parameters
+    ----------
+    source
+        Folder of decks that flgpr wrote, with all results, or result files.
+    keep_direct
+        Folder: leave the direct wave in the data.
+
+    Result files
+    ------------
+    band
+        Files: first and last tone, Hz.
+    transmit
+        Files: polarization of the source, H or V.
+    ground
+        Files: height of the ground in the model, m.
+    horizontal
+        Files: component of the field that is H.
+    vertical
+        Files: component of the field that is V.
+    waveform
+        Files of gprMax 3: the waveform, such as gaussiandotnorm.
+    centre
+        Files of gprMax 3: the waveform's frequency, Hz.
 
     Returns
     -------
@@ -117,12 +112,13 @@ def _run_lines(run: xr.Dataset, call: Arguments) -> Iterator[str | Path]:
 
 
 @command(lines=_run_lines)
-def import_cphd(
-    file: Annotated[PathLike, Argument(help="CPHD file.")],
-    output: Output,
-    anchor: AnchorOption = None,
-) -> xr.Dataset:
+def import_cphd(file: PathLike, output: Output, anchor: AnchorOption = None) -> xr.Dataset:
     """Import a CPHD file.
+
+    Parameters
+    ----------
+    file
+        CPHD file.
 
     Returns
     -------
@@ -148,86 +144,88 @@ def import_cphd(
     return run
 
 
-@command(
-    lines=_run_lines,
-    panels={
-        "Header": ("channel", "step", "time_zero", "window", "band"),
-        "Antennas": ("separation", "across", "height", "polarization"),
-        "Positions": ("anchor", "anchor_from_track", "topography", "mark_spacing"),
-        "Several lines or channels": (
-            "all_channels",
-            "channel_x",
-            "line_spacing",
-            "zigzag",
-            "lines",
-        ),
-    },
-)
+@command(lines=_run_lines)
 def import_gpr(
-    file: Annotated[
-        Paths,
-        Argument(
-            help="Recording: .dt1, .dzt, .rd3, .rd7, .iprb, .dt, .sgy, .segy, .seg, .su or "
-            ".ogpr; "
-            "several make a survey."
-        ),
-    ],
+    file: Paths,
     output: Output,
-    channel: Annotated[
-        int | None,
-        Option(
-            help="Channel of a file that has several, from 0; by default all that the header "
-            "places, else the first.",
-            min=0,
-        ),
-    ] = None,
-    step: Annotated[
-        float | None, Option(help="Trace spacing, m, in place of the header's.")
-    ] = None,
-    time_zero: Annotated[float | None, Option(help="Time zero, ns after the first sample.")] = None,
-    window: Annotated[
-        float | None, Option(help="Time window, ns, in place of the header's.")
-    ] = None,
-    band: Annotated[
-        tuple[float, float] | None, Option(help="First and last frequency to keep, Hz.")
-    ] = None,
-    separation: Annotated[float | None, Option(help="Between transmitter and receiver, m.")] = None,
-    across: Annotated[
-        bool, Option("--across", help="The antennas lie side by side, not along the line.")
-    ] = False,
-    height: Annotated[
-        float, Option(help="Antennas over the ground, m; 0 is coupled to the ground.")
-    ] = 0.0,
-    polarization: Annotated[str, Option(help="HH (dipoles across the line), HV, VH or VV.")] = "HH",
+    channel: Annotated[int | None, Option(min=0)] = None,
+    step: float | None = None,
+    time_zero: float | None = None,
+    window: float | None = None,
+    band: Limits | None = None,
+    separation: float | None = None,
+    across: bool = False,
+    height: float = 0.0,
+    polarization: str = "HH",
     anchor: AnchorOption = None,
     anchor_from_track: FromTrack = False,
-    topography: Annotated[
-        bool, Option("--topography", help="With an anchor: put the line on the receiver's heights.")
-    ] = False,
-    all_channels: Annotated[
-        bool, Option("--all-channels", help="All channels in one run, a pair each.")
-    ] = False,
-    channel_x: Annotated[
-        Sequence[float] | None,
-        Option(help="Position of a channel's antennas across the line, m; once per channel."),
-    ] = None,
-    mark_spacing: Annotated[
-        float | None, Option(help="Spacing of the marks, m, from which distances are computed.")
-    ] = None,
-    line_spacing: Annotated[
-        float | None, Option(help="Several lines: parallel, at this distance, m.")
-    ] = None,
-    zigzag: Annotated[
-        bool, Option("--zigzag", help="Several lines: every other line runs back.")
-    ] = False,
-    lines: Annotated[
-        PathLike | None, Option(help="Several lines: CSV of the ends of each line.")
-    ] = None,
-    max_memory: Annotated[str | int, Option(help="Largest array that is read.")] = "2GB",
+    topography: bool = False,
+    all_channels: bool = False,
+    channel_x: Sequence[float] | None = None,
+    mark_spacing: float | None = None,
+    line_spacing: float | None = None,
+    zigzag: bool = False,
+    lines: PathLike | None = None,
+    max_memory: str | int = "2GB",
 ) -> xr.Dataset:
     """Import a line that a commercial radar recorded, or several as a survey.
 
     `flgpr info FILE` shows what a recording holds.
+
+    Parameters
+    ----------
+    file
+        Recording: .dt1, .dzt, .rd3, .rd7, .iprb, .dt, .sgy, .segy, .seg, .su or .ogpr; several
+        make a survey.
+    max_memory
+        Largest array that is read.
+
+    Header
+    ------
+    channel
+        Channel of a file that has several, from 0; by default all that the header places,
+        else the first.
+    step
+        Trace spacing, m, in place of the header's.
+    time_zero
+        Time zero, ns after the first sample.
+    window
+        Time window, ns, in place of the header's.
+    band
+        First and last frequency to keep, Hz.
+
+    Antennas
+    --------
+    separation
+        Between transmitter and receiver, m.
+    across
+        The antennas lie side by side, not along the line.
+    height
+        Antennas over the ground, m; 0 is coupled to the ground.
+    polarization
+        HH (dipoles across the line), HV, VH or VV.
+
+    Positions
+    ---------
+    anchor
+    anchor_from_track
+    topography
+        With an anchor: put the line on the receiver's heights.
+    mark_spacing
+        Spacing of the marks, m, from which distances are computed.
+
+    Several lines or channels
+    -------------------------
+    all_channels
+        All channels in one run, a pair each.
+    channel_x
+        Position of a channel's antennas across the line, m; once per channel.
+    line_spacing
+        Several lines: parallel, at this distance, m.
+    zigzag
+        Several lines: every other line runs back.
+    lines
+        Several lines: CSV of the ends of each line.
 
     Returns
     -------

@@ -11,24 +11,18 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from flgpr.commands.options import PathLike, Paths, Progress, Scheduler, output_option
+from flgpr.commands.options import OptionalOutput, Output, PathLike, Paths, Progress, Scheduler
 from flgpr.commands.runs import run_options
 from flgpr.commands.shell import Arguments, command
 
 Chosen = Annotated[
     str | None,
-    Option(
-        help="proving-ground-2 (the default), proving-ground-1, full-wave-2, full-wave-1, or the "
-        "TOML of another ground."
-    ),
+    "proving-ground-2 (the default), proving-ground-1, full-wave-2, full-wave-1, or the TOML of "
+    "another ground.",
 ]
-Tier = Annotated[
-    str | None, Option(help="prepared, as-found or another tier of the ground; all by default.")
-]
+Tier = Annotated[str | None, "prepared, as-found or another tier of the ground; all by default."]
 Workers = Annotated[int | None, Option(min=1, help="Processes that share the work.")]
-Quick = Annotated[
-    bool, Option("--quick", help="A small version that only checks that everything runs.")
-]
+Quick = Annotated[bool, "A small version that only checks that everything runs."]
 _FOR_A_PAPER = (".pdf", ".tex", ".bib")  # endings of files beside a page of two entries
 
 
@@ -55,14 +49,8 @@ def _page_lines(text: RunText, call: Arguments) -> Iterator[str]:
 
 @command(lines=_page_lines, status=lambda text: 1 if text.unfinished else 0, resumes=True)
 def run_benchmark(
-    entries: Annotated[
-        Sequence[str] | None,
-        Argument(
-            help="Packaged entries, recipes, MODULE:CLASS of your own, or folders of alarm lists "
-            "SPLIT.csv; all packaged entries by default."
-        ),
-    ] = None,
-    output: Annotated[PathLike, output_option("folder to work in")] = Path("proving-ground"),
+    entries: Annotated[Sequence[str] | None, Argument()] = None,
+    output: Output = Path("proving-ground"),
     quick: Quick = False,
     ground: Chosen = None,
     tier: Tier = None,
@@ -74,6 +62,14 @@ def run_benchmark(
     """Make the lanes, train, freeze, detect on the test lanes, and score.
 
     An interrupted run resumes. A class of your own that does not finish ends it with status 1.
+
+    Parameters
+    ----------
+    entries
+        Packaged entries, recipes, MODULE:CLASS of your own, or folders of alarm lists
+        SPLIT.csv; all packaged entries by default.
+    output
+        folder to work in
 
     Returns
     -------
@@ -95,8 +91,8 @@ def run_benchmark(
 
 @command(lines=_table_lines)
 def run_oracle(
-    folder: Annotated[PathLike, Argument(help="Folder of `flgpr benchmark run`.")],
-    recipe: Annotated[str, Option(help="Recipe whose images are used.")] = "wang2007",
+    folder: PathLike,
+    recipe: str = "wang2007",
     tier: Tier = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
@@ -104,6 +100,13 @@ def run_oracle(
     track: Progress = None,
 ) -> str:
     """Score a detector that knows every mine's echo. It opens the truth, which is logged.
+
+    Parameters
+    ----------
+    folder
+        Folder of `flgpr benchmark run`.
+    recipe
+        Recipe whose images are used.
 
     Returns
     -------
@@ -118,12 +121,17 @@ def run_oracle(
 
 @command(lines=_table_lines, quiet=False)
 def benchmark_table(
-    folders: Annotated[Paths, Argument(help="Folders of `flgpr benchmark run`, of one ground.")],
-    output: Annotated[
-        PathLike | None, output_option("folder of the table, by default the first")
-    ] = None,
+    folders: Paths,
+    output: OptionalOutput = None,
 ) -> str:
     """Compare entries. Alarms without a score are scored, and the look at the truth is logged.
+
+    Parameters
+    ----------
+    folders
+        Folders of `flgpr benchmark run`, of one ground.
+    output
+        folder of the table, by default the first
 
     Returns
     -------
@@ -146,19 +154,24 @@ def _answer_lines(written: tuple[Path, list[str]], _: Arguments) -> Iterator[str
 
 @command(lines=_answer_lines)
 def compare_benchmark(
-    entry: Annotated[str, Argument(help="Name of an entry that ran, such as my-detector.")],
-    folder: Annotated[PathLike, Argument(help="Folder of `flgpr benchmark run`.")] = Path(
-        "proving-ground"
-    ),
-    other: Annotated[
-        str | None, Option("--with", help="Entry to compare it with, by default the reference.")
-    ] = None,
-    output: Annotated[
-        PathLike | None, output_option("folder of page, figure, LaTeX and BibTeX")
-    ] = None,
+    entry: str,
+    folder: Annotated[PathLike, Argument()] = Path("proving-ground"),
+    other: Annotated[str | None, Option("--with")] = None,
+    output: OptionalOutput = None,
     tier: Tier = None,
 ) -> tuple[Path, list[str]]:
     """Compare two entries mine by mine, with images. It opens the truth, which is logged.
+
+    Parameters
+    ----------
+    entry
+        Name of an entry that ran, such as my-detector.
+    folder
+        Folder of `flgpr benchmark run`.
+    other
+        Entry to compare it with, by default the reference.
+    output
+        folder of page, figure, LaTeX and BibTeX
 
     Returns
     -------
@@ -180,9 +193,14 @@ def _template_lines(path: Path, _: Arguments) -> Iterator[str | Path]:
 
 @command(lines=_template_lines)
 def benchmark_template(
-    folder: Annotated[PathLike, Argument(help="Folder, by default this one.")] = Path(),
+    folder: Annotated[PathLike, Argument()] = Path(),
 ) -> Path:
     """Write a detector of your own to begin with, which runs as it is.
+
+    Parameters
+    ----------
+    folder
+        Folder, by default this one.
 
     Returns
     -------

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Argument, Option
-
-from flgpr.commands.options import PathLike, Paths, Progress, Scheduler, output_option
+from flgpr.commands.options import OptionalOutput, Output, PathLike, Paths, Progress, Scheduler
 from flgpr.commands.runs import run_options
 from flgpr.commands.shell import Arguments, command
 from flgpr_ground.commands.benchmark import Chosen, Quick, Tier, Workers
@@ -18,11 +16,11 @@ if TYPE_CHECKING:
     from flgpr.types import Entries
 
 Submissions = Annotated[
-    Paths, Argument(help="Folders of submissions: submission.toml, and SPLIT/LANE/alarms.csv.")
+    Paths, "Folders of submissions: submission.toml, and SPLIT/LANE/alarms.csv."
 ]
 OwnGround = Annotated[
     PathLike | None,
-    Option(help="TOML of a ground of one's own; by default the card names a packaged one."),
+    "TOML of a ground of one's own; by default the card names a packaged one.",
 ]
 _BROKEN = 2  # exit status, as of other input that breaks a rule
 
@@ -34,7 +32,7 @@ def _folder_lines(folder: Path, _: Arguments) -> Iterator[Any]:
 
 @command(lines=_folder_lines, resumes=True)
 def make_benchmark(
-    output: Annotated[PathLike, output_option("folder of the ground")] = Path("proving-ground"),
+    output: Output = Path("proving-ground"),
     quick: Quick = False,
     ground: Chosen = None,
     tier: Tier = None,
@@ -44,6 +42,11 @@ def make_benchmark(
     track: Progress = None,
 ) -> Path:
     """Make the lanes and seal the truth of those that are tested on; no detector runs.
+
+    Parameters
+    ----------
+    output
+        folder of the ground
 
     Returns
     -------
@@ -120,12 +123,15 @@ def _entered_lines(text: str, call: Arguments) -> Iterator[Any]:
 @command(lines=_entered_lines)
 def enter_benchmark(
     submissions: Submissions,
-    output: Annotated[
-        PathLike, output_option("folder of the ground, of `run`, `make` or a new one")
-    ] = Path("proving-ground"),
+    output: Output = Path("proving-ground"),
     ground: OwnGround = None,
 ) -> str:
     """Score submissions on the sealed truth, once, and write the leaderboard. The look is logged.
+
+    Parameters
+    ----------
+    output
+        folder of the ground, of `run`, `make` or a new one
 
     Returns
     -------
@@ -139,15 +145,17 @@ def enter_benchmark(
 
 @command()
 def benchmark_leaderboard(
-    folders: Annotated[
-        Sequence[str | Path],
-        Argument(help="Folders of `flgpr benchmark enter` or `run`, of one ground."),
-    ],
-    output: Annotated[
-        PathLike | None, output_option("HTML file, by default leaderboard.html in the first")
-    ] = None,
+    folders: Paths,
+    output: OptionalOutput = None,
 ) -> Path:
     """Write the leaderboard from files: submissions beside the packaged entries.
+
+    Parameters
+    ----------
+    folders
+        Folders of `flgpr benchmark enter` or `run`, of one ground.
+    output
+        HTML file, by default leaderboard.html in the first
 
     Returns
     -------

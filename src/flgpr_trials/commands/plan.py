@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from flgpr.commands.options import Output, PathLike, Paths, anchor_option, one_or_more
+from flgpr.commands.options import AnchorOption, Output, PathLike, Paths, one_or_more
 from flgpr.commands.shell import Arguments, command
 from flgpr.commands.trials import REGISTER_COLUMN
 
@@ -42,7 +42,7 @@ def _mines_lines(plan: SamplePlan, call: Arguments) -> Iterator[str]:
 
 @command(lines=_mines_lines, quiet=False)
 def plan_mines(
-    pd_claim: Annotated[float, Option("--pd", help="Probability of detection to be shown.")] = 0.9,
+    pd_claim: Annotated[float, Option("--pd")] = 0.9,
     far: float = 0.01,
     confidence: float = 0.95,
     true_pd: float | None = None,
@@ -67,6 +67,8 @@ def plan_mines(
         Probability with which the claim shall be shown.
     joint
         Whether the confidence is that of both claims together.
+    pd_claim
+        Probability of detection to be shown.
 
     Returns
     -------
@@ -115,7 +117,7 @@ def plan_lane(
     edge: float = 0.5,
     recipe: str | None = None,
     book: PathLike | None = None,
-    anchor: Annotated[PathLike | None, anchor_option("adds GeoPackage and GPX")] = None,
+    anchor: AnchorOption = None,
     halo: float = 1.0,
     far: float = 0.05,
 ) -> tuple[pd.DataFrame, dict[str, Any]]:
@@ -139,6 +141,7 @@ def plan_lane(
     edge
         Least distance to the lane's border, m.
     anchor
+        adds GeoPackage and GPX
 
     Register
     --------
@@ -255,13 +258,8 @@ def _register_lines(line: Entries, call: Arguments) -> Iterator[str]:
 
 @command(lines=_register_lines)
 def register_recipe(
-    recipe: Annotated[
-        str,
-        Argument(
-            metavar="FILE", help="What fixes your detector: any file of it, or a packaged recipe."
-        ),
-    ],
-    book: Annotated[PathLike, Option(help="Register of the plan.")],
+    recipe: Annotated[str, Argument(metavar="FILE")],
+    book: Annotated[PathLike, Option()],
     model: PathLike | None = None,
     witness: PathLike | None = None,
 ) -> dict[str, Any]:
@@ -273,6 +271,10 @@ def register_recipe(
         Model that it is run with, of `flgpr train`.
     witness
         A file elsewhere that must hold the register's lines; new ones are added.
+    recipe
+        What fixes your detector: any file of it, or a packaged recipe.
+    book
+        Register of the plan.
 
     Returns
     -------

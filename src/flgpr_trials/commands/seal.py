@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from flgpr.commands.messages import say
-from flgpr.commands.options import Output, PathLike, ShellType, lane_option
+from flgpr.commands.options import LANE, Output, PathLike, ShellType
 from flgpr.commands.score_request import Show, given, require_witnessed
 from flgpr.commands.shell import command
 
@@ -32,7 +32,7 @@ def ask_new_passphrase() -> str:
 @command(python_values=lambda _: {"passphrase": ask_new_passphrase})
 def seal(
     truth: PathLike,
-    lane: Annotated[PathLike, lane_option("or a CSV of several")],
+    lane: Annotated[PathLike, LANE],
     output: Output,
     halo: float | None = None,
     show: Annotated[str | None, ShellType(Show)] = None,
@@ -59,6 +59,8 @@ def seal(
         A file elsewhere that must hold the register's lines; new ones are added.
     passphrase
         A text, or a function that asks for it.
+    lane
+        or a CSV of several
 
     Returns
     -------

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from flgpr.commands.options import Overwrite, PathLike, lane_option
+from flgpr.commands.options import LaneOption, Overwrite, PathLike
 from flgpr.commands.score_request import Columns, ListAnchor, Passphrase, Unranked
 from flgpr.commands.shell import Arguments, command
 
@@ -32,11 +32,11 @@ def _new_lines(trial: TrialFolder, _: Arguments) -> Iterator[Any]:
 @command(lines=_new_lines)
 def trial_new(
     home: Folder,
-    pd_claim: Annotated[float, Option("--pd", help="Probability of detection to be shown.")] = 0.9,
+    pd_claim: Annotated[float, Option("--pd")] = 0.9,
     far: float = 0.05,
     confidence: float = 0.95,
     halo: float = 1.0,
-    lane: Annotated[PathLike | None, lane_option("or of several; an example by default")] = None,
+    lane: LaneOption = None,
 ) -> TrialFolder:
     """Begin a trial: write its folder, and register what a detector has to show.
 
@@ -48,6 +48,10 @@ def trial_new(
         With this confidence.
     halo
         Halo radius, m.
+    lane
+        or of several; an example by default
+    pd_claim
+        Probability of detection to be shown.
 
     Returns
     -------
