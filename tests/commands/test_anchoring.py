@@ -107,7 +107,7 @@ def test_faults_are_told_and_nothing_is_written(survey):
     swapped.write_text(
         "\n".join([lines[0], lines[1], lines[3].replace("3.0,25.0", "0.0,50.0"), lines[2]]) + "\n"
     )
-    refused("must fit one another", swapped, *crs, *accuracy, *write)
+    refused("swapped.csv: anchor points must fit one another", swapped, *crs, *accuracy, *write)
     swapped.write_text("lane_x_m,lane_y_m,easting_m\n1,2,3\n")
     refused("must have lane_x_m and lane_y_m, and either", swapped, *crs, *accuracy, *write)
 

@@ -38,7 +38,7 @@ def test_the_demo_ends_with_a_picture_a_sentence_and_the_page(output, opened):
     lines = call("-o", output).stdout.splitlines()
     assert lines[-2] == (
         "2 of 3 mines were found before the vehicle reached them, with 1 false alarm on "
-        "6.04 m² of other ground; missed: plastic 3 cm deep."
+        "6.04 m² of other ground (as many with none); missed: plastic 3 cm deep."
     )
     assert lines[-1] == f"report: {output / 'report.html'}"
     picture = "\n".join(lines[:-2])

@@ -105,6 +105,17 @@ def test_channels_tones_scans_and_positions_are_judged_too(clean, no_ways, name)
     assert checked.verdict in (WRONG, verdict)
 
 
+def test_a_pair_that_never_comes_is_missing_and_not_dead(clean, no_ways):
+    def leave_out(signal, pose):
+        signal[:, :, 3] = np.nan
+
+    checked = check_run(with_fault(clean, leave_out))
+    assert "missing pairs" in rows(checked, WRONG)
+    level = float(rows(checked, RIGHT)["dead pairs"].words.split()[0])
+    clean_level = float(rows(check_run(clean), RIGHT)["dead pairs"].words.split()[0])
+    assert level == pytest.approx(clean_level, abs=1)
+
+
 def test_a_weak_pair_is_doubtful(clean, no_ways):
     def weak(signal, pose):
         signal[:, :, 4] *= 0.15

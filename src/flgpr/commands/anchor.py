@@ -97,7 +97,7 @@ def anchor(
     if path.suffix.lower() == ".csv":
         if crs is None or accuracy is None or write is None:
             raise ValueError("a CSV of surveyed points needs `crs`, `accuracy` and `write`")
-        path = write_anchor(anchor_from_points(path, crs, accuracy), write)
+        path = write_anchor(anchor_from_points(path, crs, accuracy), write, path)
     elif (crs, accuracy, write) != (None, None, None):
         raise ValueError(f"crs, accuracy and write go with a CSV of surveyed points, got {path}")
     return tie_lane(path, lane, outline, run, output)

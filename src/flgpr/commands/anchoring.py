@@ -80,10 +80,11 @@ def _point_columns(columns: Mapping[str, Any], path: Path) -> list[str]:
     return names
 
 
-def write_anchor(text: str, path: PathLike) -> Path:
-    """Write an anchor (TOML) after a check that its points fit.
+def write_anchor(text: str, path: PathLike, points: PathLike) -> Path:
+    """Write the anchor of surveyed points (TOML) after a check that they fit.
 
-    Points that do not fit are a ValueError, another file at the path is a FileExistsError.
+    Points that do not fit are a ValueError, which names their file; another file at the path is a
+    FileExistsError.
     """
     target = Path(path)
     # The reader checks the fit; only what it accepts gets the name of the output.
@@ -92,7 +93,7 @@ def write_anchor(text: str, path: PathLike) -> Path:
         try:
             read_anchor(trial)
         except ValueError as error:
-            raise ValueError(str(error).replace(str(trial), str(target))) from None
+            raise ValueError(str(error).replace(str(trial), str(points))) from None
     return target
 
 

@@ -115,16 +115,18 @@ def judge_sums(sums: HealthSums, radar: Radar) -> list[Finding]:
 
 def statistics(sums: HealthSums, radar: Radar) -> dict[str, float]:
     """Return what the findings of :func:`judge_sums` are judged by, by their names."""
+    came = sums.sweeps > 0  # a pair that never comes is missing, and neither dead nor hot
     levels = np.maximum(over_living(channel_levels(sums)), -_SILENT_DB)
+    levels = np.where(came, levels, np.nan)
     figures = {
         "missing pairs": float((1 - sums.sweeps / max(sums.scans, 1)).max()),
-        "dead polarization": float(under_loudest(sums).max()),
+        "dead polarization": float(under_loudest(sums)[came.any(axis=1)].max(initial=0.0)),
         "stuck pairs": float((sums.stuck >= np.maximum(sums.steps, 1)[..., None]).mean(-1).max()),
         "repeated scans": float(sums.repeated),
     }
-    if levels.shape[1] >= _LEAST_PAIRS:
-        figures["dead pairs"] = float(-levels.min())
-        figures["hot pairs"] = float(over_alike(levels, radar).max())
+    if levels.shape[1] >= _LEAST_PAIRS and came.any():
+        figures["dead pairs"] = float(-np.nanmin(levels))
+        figures["hot pairs"] = float(np.nanmax(over_alike(levels, radar)))
         neighbours = Neighbours(sums, radar)
         figures["swapped pairs"] = neighbours.gain
         figures["turned pairs"] = float(len(neighbours.turned))
