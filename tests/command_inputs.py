@@ -9,7 +9,7 @@ import flgpr
 import io_gpr
 from archives import read_archive
 from calibrate.echoes import echo
-from flgpr.commands.anchoring import anchor_from_points, write_anchor
+from flgpr.commands.anchoring import write_anchor
 from flgpr.geo.anchor import fit_anchor
 from flgpr.live.feeding import feed
 from flgpr.model import make_run
@@ -69,13 +69,13 @@ def _make_anchors(home):
         f"{x},{y},{e:.9f},{n:.9f}\n" for (x, y, _), (e, n) in zip(LANE, places, strict=True)
     )
     (home / "points.csv").write_text("lane_x_m,lane_y_m,longitude_deg,latitude_deg\n" + rows)
-    write_anchor(anchor_from_points(home / "points.csv", "EPSG:4326", 0.02), home / "anchor.toml")
+    write_anchor(home / "points.csv", "EPSG:4326", 0.02, home / "anchor.toml")
     turned = on_the_ellipsoid(LANE, azimuth=0.3)
     rows = "".join(
         f"{x},{y},{e:.9f},{n:.9f}\n" for (x, y, _), (e, n) in zip(LANE, turned, strict=True)
     )
     (home / "turned.csv").write_text("lane_x_m,lane_y_m,longitude_deg,latitude_deg\n" + rows)
-    write_anchor(anchor_from_points(home / "turned.csv", "EPSG:4326", 0.02), home / "turned.toml")
+    write_anchor(home / "turned.csv", "EPSG:4326", 0.02, home / "turned.toml")
 
 
 MAPPED = line_mapping("mapped.npz", TIME)

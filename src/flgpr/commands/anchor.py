@@ -87,7 +87,7 @@ def anchor(
     FileExistsError
         If another file or run is at an output.
     """
-    from flgpr.commands.anchoring import anchor_from_points, tie_lane, write_anchor
+    from flgpr.commands.anchoring import tie_lane, write_anchor
 
     needs_lane = outline is not None and lane is None
     is_half_given = (output is None) != (run is None)
@@ -97,7 +97,7 @@ def anchor(
     if path.suffix.lower() == ".csv":
         if crs is None or accuracy is None or write is None:
             raise ValueError("a CSV of surveyed points needs `crs`, `accuracy` and `write`")
-        path = write_anchor(anchor_from_points(path, crs, accuracy), write, path)
+        path = write_anchor(path, crs, accuracy, write)
     elif (crs, accuracy, write) != (None, None, None):
         raise ValueError(f"crs, accuracy and write go with a CSV of surveyed points, got {path}")
     return tie_lane(path, lane, outline, run, output)

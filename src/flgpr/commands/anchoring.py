@@ -23,8 +23,8 @@ _PROJECTED = ("easting_m", "northing_m")
 _GEOGRAPHIC = ("longitude_deg", "latitude_deg")
 
 
-def anchor_from_points(points: PathLike, crs: str, accuracy: float) -> str:
-    """Return the anchor of surveyed points, the TOML that :func:`flgpr.geo.read_anchor` reads.
+def write_anchor(points: PathLike, crs: str, accuracy: float, output: PathLike) -> Path:
+    """Write the anchor of surveyed points, the TOML that :func:`flgpr.geo.read_anchor` reads.
 
     Parameters
     ----------
@@ -35,16 +35,20 @@ def anchor_from_points(points: PathLike, crs: str, accuracy: float) -> str:
         Reference system of the points.
     accuracy : float
         Standard deviation of a surveyed coordinate, m.
+    output : path
+        File to write.
 
     Returns
     -------
-    str
-        The anchor, TOML.
+    Path
+        The file.
 
     Raises
     ------
+    FileExistsError
+        If another file is there.
     ValueError
-        If columns are missing or a value is not finite.
+        If columns are missing, a value is not finite, or the points do not fit one another.
     """
     path = existing(points, "file of surveyed points")
     with faults_of(path):
@@ -61,7 +65,15 @@ def anchor_from_points(points: PathLike, crs: str, accuracy: float) -> str:
         for name, value in zip(names[2:], coordinates, strict=True):
             entry = name.rsplit("_", 1)[0]  # without the unit
             lines.append(f"{entry} = {value!r}")
-    return "\n".join(lines) + "\n"
+    target = Path(output)
+    # The reader checks the fit; only what it accepts gets the name of the output.
+    with atomic_output(target) as trial:
+        write_whole(trial, "\n".join(lines) + "\n")
+        try:
+            read_anchor(trial)
+        except ValueError as error:
+            raise ValueError(str(error).replace(str(trial), str(path))) from None
+    return target
 
 
 def _point_columns(columns: Mapping[str, Any], path: Path) -> list[str]:
@@ -78,23 +90,6 @@ def _point_columns(columns: Mapping[str, Any], path: Path) -> list[str]:
     if "height_m" in columns:
         names.append("height_m")
     return names
-
-
-def write_anchor(text: str, path: PathLike, points: PathLike) -> Path:
-    """Write the anchor of surveyed points (TOML) after a check that they fit.
-
-    Points that do not fit are a ValueError, which names their file; another file at the path is a
-    FileExistsError.
-    """
-    target = Path(path)
-    # The reader checks the fit; only what it accepts gets the name of the output.
-    with atomic_output(target) as trial:
-        write_whole(trial, text)
-        try:
-            read_anchor(trial)
-        except ValueError as error:
-            raise ValueError(str(error).replace(str(trial), str(points))) from None
-    return target
 
 
 def tie_lane(
