@@ -47,7 +47,7 @@ def test_a_run_beside_it_of_another_place_on_the_earth_is_refused(tmp_path):
         run = small_run(scans=3).assign_attrs(georeference=place | {"latitude": latitude})
         save_run(run, tmp_path / f"{name}.zarr")
     beside = {"second": tmp_path / "far.zarr"}
-    with pytest.raises(ValueError, match="far.zarr: must be a run of the same lane, within 10 m"):
+    with pytest.raises(ValueError, match=r"far\.zarr: must be a run of the same lane, within 10 m"):
         make_job(tmp_path / "here.zarr", small_recipe(), LANE, tmp_path / "result", others=beside)
 
 
