@@ -59,6 +59,7 @@ ALLOWED = {
         "model",
         "jit",
         "store",
+        "geo",
         *METHOD,
         "results",
         "report",

@@ -104,9 +104,12 @@ def block_name(name: str, number: int) -> str:
     return f"{name}-{number:06d}"
 
 
-def blocks_of(scans: int) -> list[range]:
-    """Divide scans into blocks of at most ``BLOCK`` consecutive scans, as even as can be."""
-    count = -(-scans // BLOCK)
+def blocks_of(scans: int, most: int | None = None) -> list[range]:
+    """Divide scans, or rows, into blocks of at most so many consecutive ones, as even as can be.
+
+    By default they are of at most ``BLOCK`` scans.
+    """
+    count = -(-scans // (most or BLOCK))
     edges = [scans * k // count for k in range(count + 1)]
     return [range(begin, end) for begin, end in pairwise(edges)]
 

@@ -111,6 +111,11 @@ def sha256(data: bytes | memoryview) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
+def compact_json(value: Any, sort_keys: bool = False) -> str:
+    """Return a JSON value as ASCII text without spaces; a ValueError if a number is not finite."""
+    return json.dumps(value, sort_keys=sort_keys, separators=(",", ":"), allow_nan=False)
+
+
 def canonical_json(value: Any) -> bytes:
     """Return a JSON value in canonical form: sorted keys, no spaces, ASCII.
 
@@ -131,7 +136,7 @@ def canonical_json(value: Any) -> bytes:
     TypeError
         If an entry is no JSON value.
     """
-    return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
+    return compact_json(value, sort_keys=True).encode()
 
 
 def json_with_digest(content: Mapping[str, Any]) -> bytes:

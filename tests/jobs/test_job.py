@@ -41,6 +41,16 @@ def test_a_job_holds_plain_values_and_absolute_paths(job):
     assert hash(job) == hash(replace(job))
 
 
+def test_a_run_beside_it_of_another_place_on_the_earth_is_refused(tmp_path):
+    place = {"longitude": 8.5, "latitude": 49.0, "azimuth": 30.0}
+    for name, latitude in (("here", 49.0), ("far", 49.1)):
+        run = small_run(scans=3).assign_attrs(georeference=place | {"latitude": latitude})
+        save_run(run, tmp_path / f"{name}.zarr")
+    beside = {"second": tmp_path / "far.zarr"}
+    with pytest.raises(ValueError, match=r"far\.zarr: must be a run of the same lane, within 10 m"):
+        make_job(tmp_path / "here.zarr", small_recipe(), LANE, tmp_path / "result", others=beside)
+
+
 def test_the_identity_holds_the_rows_of_a_section_and_not_its_threshold(job):
     section = replace(job, section=Section(2, 9, 1.5))
     assert job.identity["rows"] is None

@@ -5,9 +5,10 @@ import json
 import numpy as np
 import pytest
 
+from flgpr.live.begin_and_end import RECIPE_FILE
 from flgpr.live.feeding import feed
 from flgpr.live.options import LiveOptions
-from flgpr.live.session import RECIPE_FILE, LiveRun
+from flgpr.live.session import LiveRun
 from flgpr.live.state import SNAPSHOT_FILE
 from flgpr.recipe.schema import parse_recipe
 from flgpr.store import save_run

@@ -29,7 +29,7 @@ from flgpr.commands.options import (
     one_or_more,
     runs_by_name,
 )
-from flgpr.commands.runs import RunLocations, check_same_lane, is_in_memory, run_options
+from flgpr.commands.runs import RunLocations, is_in_memory, run_options
 from flgpr.commands.shell import Arguments, command
 
 if TYPE_CHECKING:
@@ -277,7 +277,6 @@ def detect(
     if is_one:
         beside_it = other_runs[0] | dict(zip(before_names(len(earlier)), earlier, strict=True))
         with RunLocations(run_list[0], output, beside_it) as place:
-            check_same_lane(place.run, place.other_runs, options.max_memory)
             text = recipe_or_fitted(recipe, place.run, model, options.max_memory, bool(earlier))
             job = job_of(0, place.run, text, place.output, place.other_runs)
             with options.executor() as executor:

@@ -12,8 +12,9 @@ from flgpr.commands.positions import TrackReading, read_optional_anchor, tied_ru
 from flgpr.formats import Imported, nmea_places
 from flgpr.geo import Anchor, anchor_from_fixes
 from flgpr.model.motion import judge_run
-from flgpr.store import save_run, write_geojson, write_table
+from flgpr.store import save_run, write_table
 from flgpr.store.run_writer import is_stored
+from flgpr.store.writing import write_table_beside
 from flgpr.types import PathLike
 
 
@@ -61,10 +62,7 @@ def store_with_tables(
         store.parent.mkdir(parents=True, exist_ok=True)
         for name, table in tables.items():
             if table is not None:
-                path = store.with_name(f"{store.stem}-{name}.csv")
-                write_table(table, path)
-                write_geojson(table, path.with_suffix(".json"))
-                written.append(path)
+                written.append(write_table_beside(store, name, table))
     # ``resume`` takes away what a killed writer left in a whole store.
     save_run(run, store, resume=True, share_files=True)
     return written

@@ -246,9 +246,10 @@ def live(
     MissingExtraError
         If a recording in MCAP is asked for and its library is not installed.
     """
+    from flgpr.live.begin_and_end import LIVE_RECORDING
     from flgpr.live.detector import LiveSettings
     from flgpr.live.options import LiveOptions
-    from flgpr.live.session import LIVE_RECORDING, LiveRun
+    from flgpr.live.session import LiveRun
     from flgpr.model.vehicle import Vehicle
     from flgpr.recipe.schema import load_recipe
     from flgpr.store.extras import optional

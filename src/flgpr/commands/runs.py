@@ -92,19 +92,6 @@ class RunLocations:
         return store
 
 
-def check_same_lane(run: Path, other_runs: Mapping[str, Path], max_memory: int) -> None:
-    """Refuse a run beside another one that a georeference ties to another place on the Earth."""
-    from flgpr.store import open_run
-
-    own = open_run(run, max_memory).attrs.get("georeference") if other_runs else None
-    if own is None:
-        return
-    from flgpr.geo.anchor import check_same_place
-
-    for path in other_runs.values():
-        check_same_place(own, open_run(path, max_memory).attrs.get("georeference"), path)
-
-
 def run_options(
     workers: int | None = None,
     scheduler: str | None = None,

@@ -311,20 +311,6 @@ def run_sections(job: LaneJob, plan: LanePlan, runner: PassRunner) -> None:
         replace_folder(gathering, job.folder)
 
 
-def _section_of(lane: ImagedRun, job: LaneJob, work: Checkpoint) -> ImagedRun:
-    """Return the lane of a section's job, of the run and the model that are open."""
-    return ImagedRun(
-        lane.run,
-        lane.recipe,
-        lane.lane,
-        lane.model,
-        results=work.with_shared(job.shared),
-        section=job.section,
-        others=lane.setup.others,
-        trust=job.trust,
-    )
-
-
 def _find_threshold(lane: ImagedRun, section_jobs: Sequence[LaneJob], runner: PassRunner) -> float:
     """Do the run-views of all sections, and return the threshold of the lane by its maxima."""
     tables = []
@@ -332,7 +318,8 @@ def _find_threshold(lane: ImagedRun, section_jobs: Sequence[LaneJob], runner: Pa
     for job in section_jobs:
         of_section = replace(runner, label=f"{runner.label}{job.name}: ")
         with begin_work(job) as work:
-            passes = passes_to_run(job, _section_of(lane, job, work))
+            of_rows = lane.in_section(job.section, work.with_shared(job.shared))
+            passes = passes_to_run(job, of_rows)
             until_alarms = [item for item in passes if item.name in ("view", "alarms")]
             of_section.run(job, work, until_alarms)
             raised = work["alarms"]
@@ -348,7 +335,8 @@ def _finish_section(lane: ImagedRun, job: LaneJob, runner: PassRunner) -> None:
         return
     runner = replace(runner, label=f"{runner.label}{job.name}: ")
     with work_until_done(job) as work:
-        passes = passes_to_run(job, _section_of(lane, job, work))
+        of_rows = lane.in_section(job.section, work.with_shared(job.shared))
+        passes = passes_to_run(job, of_rows)
         own_passes = [item for item in passes if not item.all_scans]
         runner.run(job, work, own_passes)
         runner.finish(job)

@@ -18,6 +18,7 @@ import llvmlite.binding
 import flgpr
 from flgpr.door import read_named, refuse_links
 from flgpr.engine import BLOCK
+from flgpr.geo.anchor import check_same_place
 from flgpr.health.judging import HEALTHY, Health, LeftOut
 from flgpr.health.of_run import health_of_run, without
 from flgpr.jobs.workers import DEFAULTS, RunOptions
@@ -229,7 +230,8 @@ def make_job(
     Raises
     ------
     ValueError
-        If the recipe does not fit the run, or a run, the lane or the model is not valid.
+        If the recipe does not fit the run, or a run, the lane or the model is not valid; or a run
+        that is taken together with it lies elsewhere on the Earth.
     """
     parsed = parse_recipe(recipe)
     borders, lane_source = choose_lane(run, lane, parsed)
@@ -241,6 +243,7 @@ def make_job(
     for name, path in (others or {}).items():
         other_runs.append((name, absolute(path), read_manifest(path)["sha256"]))
         other = open_run(path, options.max_memory)
+        check_same_place(stored.attrs.get("georeference"), other.attrs.get("georeference"), path)
         judged = health_of_run(other)
         if is_before(name) and other["frequency"].equals(stored["frequency"]):
             of_before.append(len(left_out_of_others))

@@ -24,6 +24,7 @@ from flgpr.store import (
 from flgpr.store.lane_file import lane_file_of
 from flgpr.store.outputs import atomic_output, log_finished
 from flgpr.store.run_writer import RunExistsError
+from flgpr.store.writing import write_table_beside
 from flgpr.types import PathLike
 
 
@@ -140,10 +141,7 @@ def _write_truth(store: Path, simulator: Simulator, truth: PathLike | None) -> l
         written.append(_write_named_truth(Path(truth), simulator))
         del tables["truth"]
     for name, table in tables.items():
-        path = store.with_name(f"{store.stem}-{name}.csv")
-        write_table(table, path)
-        write_geojson(table, path.with_suffix(".json"))
-        written.append(path)
+        written.append(write_table_beside(store, name, table))
     return written
 
 

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from typing import Any
 
-from flgpr.geo import Anchor
+import numpy as np
+
+from flgpr.geo import Anchor, own_anchor
 from flgpr.live.detector import LiveDetector
 from flgpr.live.event_types import AlarmEvent, Event
 from flgpr.live.events import add_places_on_earth, alarm_event, as_line
@@ -36,6 +39,22 @@ class AlarmReporter:
         self.anchor: Anchor | None = None  #: what ties the lane to the Earth
         # Alarms whose last event advised to wait.
         self._waiting: set[str] = set()
+
+    def use_georeference(self, reference: Any) -> str:
+        """Use the georeference that a run is described with, unless an anchor was given.
+
+        Return why alarms have no places on Earth; "" if they have, or the run has none.
+        """
+        if self.anchor is not None or reference is None:
+            return ""
+        try:
+            anchor = own_anchor(reference)
+            if not np.isfinite(anchor.to_geodetic(np.zeros(3))).all():
+                raise ValueError(f"georeference must lie on the Earth, got {reference!r}")
+        except ValueError as error:
+            return f"alarms have places in the lane alone: {error}"
+        self.anchor = anchor
+        return ""
 
     def send(self, event: Event) -> None:
         """Send the line of an event that is of no alarm."""

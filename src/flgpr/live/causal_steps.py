@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from itertools import product
 
 import numpy as np
 import xarray as xr
 
 from flgpr.features import FEATURES, POLARIMETRIC
-from flgpr.method.imaged_run import setup_of
+from flgpr.method.imaged_run import ImagedRun
 from flgpr.method.model import Model
-from flgpr.method.steps import Steps, check_confidence
-from flgpr.model import Lane
-from flgpr.recipe.schema import RANKS, Recipe, course_lane
-from flgpr.stages import FeatureStage, Stage
-from flgpr.stages.earlier import EarlierRuns
-from flgpr.stages.named import make_stages
+from flgpr.method.steps import Steps
+from flgpr.recipe.schema import RANKS, Recipe
 from flgpr.store import RunDescription, Scan, as_run
 
 WITHOUT_END = 1e9  # m, length of a lane whose end nobody has given
@@ -39,23 +34,21 @@ def check_causal(recipe: Recipe) -> None:
         )
 
 
-def causal_steps(
-    description: RunDescription, recipe: Recipe, model: Model, stages: Mapping[str, Stage]
-) -> Steps:
-    """Return the recipe's steps with those features alone that decide on alarms.
+def run_to_come(description: RunDescription) -> xr.Dataset:
+    """Return what stands for a run before any scan came: one without an echo, at the lane's origin."""
+    silence = np.zeros(description.shape, np.complex64)
+    return as_run(description, Scan(0, math.nan, np.zeros(6), silence))
+
+
+def causal_steps(chain: ImagedRun) -> Steps:
+    """Return the steps of a recipe with those features alone that decide on alarms.
 
     They are what the model's detector reads; without one, the contrast.
 
     Parameters
     ----------
-    description : RunDescription
-        The run to come.
-    recipe : Recipe
-        The recipe.
-    model : Model
-        What the recipe has learnt.
-    stages : mapping of str to Stage
-        The recipe's stages (:func:`build_stages`).
+    chain : ImagedRun
+        The recipe on :func:`run_to_come`.
 
     Returns
     -------
@@ -67,13 +60,14 @@ def causal_steps(
     ValueError
         If the model's detector reads a feature that is not known when a scan comes.
     """
-    names = _deciding_columns(recipe, model)
+    recipe = chain.recipe
+    names = _deciding_columns(recipe, chain.model)
     features = None
     if recipe.features and names:
         features = recipe.features.model_copy(update={"variants": False})
     feature_stages = {}
-    for name, stage in stages.items():
-        if isinstance(stage, FeatureStage) and set(stage.columns) & set(names):
+    for name, stage in chain.steps.stages.items():
+        if set(stage.columns) & set(names):
             feature_stages[name] = stage
 
     needed = {recipe.prescreen.subband}
@@ -98,7 +92,6 @@ def causal_steps(
     # Stages are handed images of all sub-bands.
     needs_all = bool(feature_stages) or recipe.map is not None
     subbands = [band for band in recipe.image.subbands if needs_all or band in needed]
-    labels = list(recipe.image.polarizations) or description.polarization
     polarimetric = []
     for band in subbands:
         if any(f"{feature}_{band}" in names for feature in POLARIMETRIC):
@@ -106,12 +99,12 @@ def causal_steps(
     reduced = recipe.model_copy(update={"features": features})
     return Steps(
         reduced,
-        labels,
+        chain.polarizations,
         subbands,
-        recipe.near_grid(),
+        chain.near,
         feature_stages,
         tuple(polarimetric),
-        model.detector,
+        chain.model.detector,
     )
 
 
@@ -122,52 +115,3 @@ def _deciding_columns(recipe: Recipe, model: Model) -> tuple[str, ...]:
     if recipe.confidence in RANKS:
         return ()
     return (recipe.confidence,)
-
-
-def build_stages(
-    description: RunDescription,
-    recipe: Recipe,
-    lane: Lane | None,
-    model: Model,
-    others: Mapping[str, xr.Dataset] | None = None,
-) -> dict[str, Stage]:
-    """Build the recipe's stages before any scan came.
-
-    The run in their setup has one scan without an echo, at the lane's origin.
-
-    Parameters
-    ----------
-    description : RunDescription
-        The run to come.
-    recipe : Recipe
-        The recipe.
-    lane : Lane or None
-        The lane; None for one along the first course, without an end.
-    model : Model
-        What the recipe has learnt.
-    others : mapping of str to xarray.Dataset, optional
-        Runs taken together with it, by the names that the recipe gives them.
-
-    Returns
-    -------
-    dict of str to Stage
-        The stages by name, the clutter stage "earlier" among them.
-
-    Raises
-    ------
-    ValueError
-        If the recipe ranks alarms by a column that no stage computes.
-    """
-    silence = np.zeros(description.shape, np.complex64)
-    run = as_run(description, Scan(0, math.nan, np.zeros(6), silence))
-    ground = lane or course_lane(recipe, np.zeros((1, 6)), WITHOUT_END)
-    setup, _ = setup_of(run, recipe, ground, {}, others)
-    stages = make_stages(recipe.named(), setup, model.stages)
-    for entry in recipe.clutter:  # check_causal lets no other pass
-        stages["clutter.earlier"] = EarlierRuns(entry.settings, setup)
-    columns: list[str] = []
-    for stage in stages.values():
-        if isinstance(stage, FeatureStage):
-            columns.extend(stage.columns)
-    check_confidence(recipe, columns)
-    return stages

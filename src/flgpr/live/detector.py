@@ -23,14 +23,16 @@ from flgpr.clutter import CausalBackground
 from flgpr.clutter.causal import LEAST_SPAN, LEAST_WARM_UP
 from flgpr.imaging import ImagingOperator
 from flgpr.live.alarm_book import AlarmBook, SeenDensity
-from flgpr.live.causal_steps import WITHOUT_END, build_stages, causal_steps, check_causal
+from flgpr.live.causal_steps import WITHOUT_END, causal_steps, check_causal, run_to_come
 from flgpr.live.earlier_drives import EarlierDrives
 from flgpr.live.event_types import ViewGrid
 from flgpr.live.ground import RunningGround
 from flgpr.live.updates import LiveAlarm, LiveUpdate, last_states
 from flgpr.method.alarm_sums import AlarmSums
-from flgpr.method.model import Detector, Model, as_model, unlearnt
+from flgpr.method.imaged_run import ImagedRun
+from flgpr.method.model import Detector, Model
 from flgpr.method.steps import CleanedImages
+from flgpr.method.unlike import Trust
 from flgpr.model import Grid, Lane, lane_to_scan, vehicle_to_scan
 from flgpr.model.plausible import PoseGate, Sighting, Verdict
 from flgpr.recipe.fit import alias_faults, check_channels, check_reached
@@ -41,8 +43,7 @@ from flgpr.screen import (
     view_array,
 )
 from flgpr.screen.views import pixels_at
-from flgpr.stages import MapStage, Stage
-from flgpr.stages.earlier import EarlierRuns
+from flgpr.stages import MapStage
 from flgpr.store import RunDescription, Scan
 from flgpr.types import Arrays, ComplexArray, Entries, FloatArray, floats
 
@@ -112,7 +113,6 @@ class LiveDetector:
     ) -> None:
         self.description = description
         self.recipe = recipe
-        self.model = as_model(model)
         self.settings = settings or LiveSettings()
         self.lane = lane
         if self.lane is None and recipe.lane is not None:
@@ -121,33 +121,32 @@ class LiveDetector:
         if self.lane is not None:
             check_reached(recipe, self.lane)
         check_channels(recipe, description.polarization, description.frequency)
-        unlearnt(recipe, self.model)
-
-        stages: dict[str, Stage] = {}
-        if recipe.columns or recipe.clutter or recipe.map is not None:
-            stages = build_stages(description, recipe, self.lane, self.model, others)
-        earlier = stages.pop("clutter.earlier", None)
-        maps = [stage for stage in stages.values() if isinstance(stage, MapStage)]
-        self.mapper = maps[0] if maps else None
-        self.steps = causal_steps(description, recipe, self.model, stages)
+        chain = ImagedRun(
+            run_to_come(description),
+            recipe,
+            self.lane or course_lane(recipe, np.zeros((1, 6)), WITHOUT_END),
+            model,
+            others=others,
+            explains=False,
+            trust=Trust("keep"),  # what stands in for what was learnt needs the whole run
+        )
+        self.model = chain.model
+        self.mapper: MapStage | None = chain.mapper
+        self.steps = causal_steps(chain)
         self.grid = self.steps.grid
-
-        image = recipe.image
-        (median_rows, _), (mean_rows, _) = recipe.smoothing[:2]
         # rows that the background of the rows that count depends on
-        reach = self.grid.ny + median_rows // 2 + mean_rows // 2
-        self._rows = min(reach, image.grid().ny)
+        self._rows = chain.background_rows
         # All are imaged to tell how far drives are moved onto each other.
-        self._subbands = self.steps.subbands if earlier is None else list(image.subbands)
+        image = recipe.image
+        self._subbands = list(self.steps.subbands if chain.earlier is None else image.subbands)
         #: what subtracts what earlier drives predict; None without them
         self.earlier: EarlierDrives | None = None
-        if isinstance(earlier, EarlierRuns):
+        if chain.earlier is not None:
             wanted = [self._subbands.index(name) for name in self.steps.subbands]
-            self.earlier = EarlierDrives(earlier, wanted, self._rows, self.settings.span)
+            self.earlier = EarlierDrives(chain.earlier, wanted, self._rows, self.settings.span)
+        self._imager = chain.imager
         self._pixels = image.grid().points()
-        self._taper = image.weights(description.frequency)
-        labels = list(description.polarization)
-        self._imaged = [labels.index(name) for name in image.polarizations or labels]
+        self._imaged = chain.setup.imaged
         self._operator: tuple[tuple[float, ...], ImagingOperator] | None = None
 
         self.gate = PoseGate(recipe.motion)
@@ -447,21 +446,10 @@ class LiveDetector:
         pose = floats(scan.pose)
         key = tuple(pose[[2, 4, 5]])
         if self._operator is None or self._operator[0] != key:
-            radar = self.description
-            table = self.recipe.image
-            self._operator = (
-                key,
-                ImagingOperator(
-                    radar.frequency,
-                    vehicle_to_scan(radar.tx_position, pose),
-                    vehicle_to_scan(radar.rx_position, pose),
-                    self._pixels,
-                    [table.subbands[name] for name in self._subbands],
-                    table.tolerance,
-                    window=self._taper,
-                    device=table.device,
-                ),
-            )
+            imager = self._imager
+            subbands = {name: imager.subbands[name] for name in self._subbands}
+            operator = imager.operator_at(pose, self._pixels, subbands, imager.window)
+            self._operator = (key, operator)
         data = scan.signal[self._imaged]
         if self.earlier is not None:
             data = self.earlier.clean(data)

@@ -10,12 +10,37 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import xarray as xr
 
 from flgpr.clutter import subtract_standing
 from flgpr.clutter.causal import LEAST_WARM_UP
-from flgpr.stages.earlier import EarlierRuns
+from flgpr.health.findings import Finding
+from flgpr.health.of_run import health_of_run, without
+from flgpr.stages.earlier import EarlierRuns, before_names, check_earlier
 from flgpr.stages.earlier_ground import explained
-from flgpr.types import Arrays, ComplexArray, FloatArray
+from flgpr.store import open_run
+from flgpr.types import Arrays, ComplexArray, FloatArray, PathLike
+
+
+def open_earlier(paths: Sequence[PathLike]) -> tuple[dict[str, xr.Dataset], list[Finding]]:
+    """Open earlier runs of the road, and return them by name with what is wrong with them.
+
+    Pairs and tones that are faulty are left out.
+
+    Raises
+    ------
+    ValueError
+        If a run is not valid, or has too few scans to tell what stood still.
+    """
+    runs = {}
+    findings: list[Finding] = []
+    for name, path in zip(before_names(len(paths)), paths, strict=True):
+        run = open_run(path)
+        check_earlier(run, path)
+        health = health_of_run(run)
+        runs[name] = without(run, health.left_out, silent_tones=True)
+        findings += [finding.of_run(name) for finding in health.findings]
+    return runs, findings
 
 
 class EarlierDrives:
@@ -40,7 +65,8 @@ class EarlierDrives:
         self._subbands = subbands
         self._rows = rows
         self._span = span
-        self._then = stage.stood_still()
+        stage.estimate_alone()
+        self._then = stage.stood_still
         self.begin()
 
     def begin(self) -> None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import base64
 import contextlib
-import json
 import mmap
 import os
 import re
@@ -26,6 +25,7 @@ import numpy as np
 from flgpr.append_log import write_all
 from flgpr.door import open_own
 from flgpr.health.findings import STOPPING, Finding
+from flgpr.json_text import compact_json
 from flgpr.live.event_types import (
     AlarmEvent,
     AnewEvent,
@@ -192,7 +192,7 @@ class EventFile:
 
 def as_line(event: Event) -> str:
     """Return an event, JSON values and finite numbers, as a line with its end."""
-    return json.dumps(event, separators=(",", ":"), allow_nan=False) + "\n"
+    return compact_json(event) + "\n"
 
 
 def alarm_event(

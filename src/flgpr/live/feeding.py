@@ -32,7 +32,7 @@ from flgpr.store import (
     write_description,
     write_whole,
 )
-from flgpr.store.scan_file import END_FILE, RUN_FILE, scan_name, stored_scan
+from flgpr.store.scan_file import END_FILE, RUN_FILE, description_text, scan_name, stored_scan
 from flgpr.types import PathLike
 
 FAULTS = ("lost", "late", "twice", "nan", "jump")
@@ -234,8 +234,7 @@ class _FolderSink(AbstractContextManager["_FolderSink"]):
         if not path.exists():
             write_description(description, self._folder)
             return
-        expected = (json.dumps(description.as_json(), indent=1) + "\n").encode()
-        if Folder(self._folder).read(RUN_FILE) != expected:
+        if Folder(self._folder).read(RUN_FILE) != description_text(description).encode():
             raise ValueError(
                 f"folder must be empty or hold the same run, "
                 f"got {self._folder} with another {RUN_FILE}"

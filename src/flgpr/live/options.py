@@ -5,6 +5,8 @@ How a live run went: counts, alarms, and the time from a scan to its alarms.
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +20,8 @@ from flgpr.live.event_types import Latencies
 from flgpr.live.sockets import check_unix_sockets
 from flgpr.model.vehicle import Vehicle
 from flgpr.types import PathLike
+
+_MOST_LATENCIES = 10_000  # of which percentiles are reported
 
 
 @dataclass(frozen=True)
@@ -91,6 +95,33 @@ class LiveReport:
     #: frames processed per second between the first and the last one of this process; NaN with
     #: fewer than two
     rate: float
+
+
+class Pace:
+    """Counts the frames that a process took, and keeps the latest latencies."""
+
+    def __init__(self) -> None:
+        self.frames = 0
+        self._first = self._last = math.nan  # when they were taken, s since 1970
+        self._latency: list[float] = []
+
+    def take_frame(self) -> None:
+        """Count a frame that was taken now."""
+        self._last = time.time()
+        if not self.frames:
+            self._first = self._last
+        self.frames += 1
+
+    def took(self, latency: float) -> None:
+        """Keep the time from the arrival of a scan to its alarms, s."""
+        self._latency = [*self._latency[-_MOST_LATENCIES:], latency]
+
+    def report(self, counts: dict[str, int], alarms: int) -> LiveReport:
+        """Return how the run went, with its counts and the number of its alarms."""
+        rate = math.nan
+        if self.frames >= 2:
+            rate = (self.frames - 1) / (self._last - self._first)
+        return LiveReport(counts, latency_percentiles(self._latency), alarms, rate)
 
 
 def latency_percentiles(latency: list[float]) -> Latencies:

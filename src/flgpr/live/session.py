@@ -18,23 +18,29 @@ import os
 import queue
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-import xarray as xr
 
 import flgpr
-from flgpr.door import Folder, refuse_links
-from flgpr.geo import own_anchor, read_anchor
+from flgpr.door import Folder
+from flgpr.geo import read_anchor
 from flgpr.geo.anchor import check_same_place
-from flgpr.health.findings import Finding
-from flgpr.health.of_run import health_of_run, without
 from flgpr.live.alarm_reports import AlarmReporter
+from flgpr.live.begin_and_end import (
+    RECIPE_FILE,
+    REPORT_FILE,
+    check_output,
+    rehearse,
+    sentences_at_end,
+    snapshot_to_go_on,
+)
 from flgpr.live.causal_steps import check_causal
-from flgpr.live.detector import LiveDetector, LiveSettings
+from flgpr.live.detector import LiveDetector
+from flgpr.live.earlier_drives import open_earlier
 from flgpr.live.event_types import (
     EndEvent,
     Event,
@@ -55,7 +61,7 @@ from flgpr.live.events import (
 )
 from flgpr.live.forecast import forecast_of
 from flgpr.live.intake import Intake
-from flgpr.live.options import LiveOptions, LiveReport, latency_percentiles
+from flgpr.live.options import LiveOptions, LiveReport, Pace
 from flgpr.live.senders import SENDERS, SocketWatch, TcpWatch, largest_frame
 from flgpr.live.sockets import TcpAddress, live_secret, parse_tcp
 from flgpr.live.source import SOCKET, Arrival, FolderWatch, Inbox, RunPlayer, Source
@@ -63,7 +69,6 @@ from flgpr.live.state import (
     SNAPSHOT_FILE,
     Snapshot,
     SnapshotWriter,
-    read_snapshot,
     restore_snapshot,
     take_snapshot,
 )
@@ -71,25 +76,23 @@ from flgpr.live.updates import LiveUpdate, SettledOutcome
 from flgpr.method.memory import check_scan_memory
 from flgpr.method.model import Model, of_another_array, parse_model, read_model, unlearnt
 from flgpr.method.unlike import Comparison, why_not
-from flgpr.model import Lane, complete_scans
+from flgpr.model import Lane
 from flgpr.model.vehicle import Vehicle
 from flgpr.recipe.make import fit_recipe, with_earlier
-from flgpr.recipe.schema import Recipe, parse_recipe, recipe_text
-from flgpr.stages.earlier import BEFORE, LEAST_SCANS, before_names, check_earlier
+from flgpr.recipe.schema import Recipe, load_recipe, parse_recipe, recipe_text
+from flgpr.stages.earlier import BEFORE
 from flgpr.store import (
     RunDescription,
     Scan,
     ScanFileError,
     as_run,
     canonical_json,
-    open_run,
     parse_description,
-    read_description,
     read_lane,
     read_manifest,
     sha256,
 )
-from flgpr.store.answers import ANSWER_FILE, drop_answers
+from flgpr.store.answers import drop_answers
 from flgpr.store.files import PARTIAL, write_whole
 from flgpr.store.notes import log_note
 from flgpr.store.outputs import locked_folder, log_finished
@@ -98,10 +101,6 @@ from flgpr.store.writing import write_table
 
 _NO_POSE = "left out: no scan with a pose has come yet, and a recipe needs the array's height"
 _TICK = 0.1  # s between checks of the clock while nothing comes
-REPORT_FILE = "live.json"
-RECIPE_FILE = "recipe.toml"  # of a run without a given recipe
-LIVE_RECORDING = "live.mcap"  # made of the events when the run has ended, where it is asked for
-_MOST_LATENCIES = 10_000  # of which percentiles are reported
 # Counts of what is as it should be; the others are faults.
 _NO_FAULT = ("received", "taken", "warm_up")
 _OTHER_OPTIONS = (
@@ -139,7 +138,9 @@ class LiveRun:
         #: where it listens, once it does
         self.listens_on: TcpAddress | None = None
         #: what the driver is told by
-        self.vehicle = options.vehicle or _recipe_vehicle(options)
+        self.vehicle = options.vehicle or Vehicle()
+        if options.vehicle is None and options.recipe is not None:
+            self.vehicle = load_recipe(options.recipe).vehicle
         self._alarms = AlarmReporter(self.vehicle, options.worth, tell)
         digest = ""
         self._model = Model()
@@ -147,15 +148,7 @@ class LiveRun:
             model_data = read_model(options.model)
             digest = sha256(model_data)
             self._model = parse_model(model_data, options.model)
-        names = before_names(len(options.before))
-        self._before: dict[str, xr.Dataset] = {}
-        self._of_before: list[Finding] = []  # what is wrong with earlier drives
-        for name, path in zip(names, options.before, strict=True):
-            run = open_run(path)
-            check_earlier(run, path)
-            health = health_of_run(run)
-            self._before[name] = without(run, health.left_out, silent_tones=True)
-            self._of_before += [finding.of_run(name) for finding in health.findings]
+        self._before, self._of_before = open_earlier(options.before)
         self._is_alone = False  # whether the newest scan lies near none of an earlier drive
         self._recipe: Recipe | None = None
         self._lane: Lane | None = None if options.lane is None else read_lane(options.lane)
@@ -178,10 +171,7 @@ class LiveRun:
         }
         self.output = Path(options.output)
         self.inbox = Inbox()
-        self._latency: list[float] = []
-        # s since 1970, of the first and the last frame that this process took
-        self._moments: list[float] = []
-        self._frames = 0
+        self._pace = Pace()
         self._names: set[str] = set()
         self._senders: Counter[str] = Counter()
         self._detector: LiveDetector | None = None
@@ -230,7 +220,7 @@ class LiveRun:
             If another live run writes to the output, or the scans are of another run than the
             snapshot.
         """
-        _check_output(self.output)
+        check_output(self.output)
         self.output.mkdir(parents=True, exist_ok=True)
         with locked_folder(self.output):
             for partial in self.output.glob(f"*{PARTIAL}"):  # of a process that was killed
@@ -241,18 +231,7 @@ class LiveRun:
         """Start sources and detector, from a snapshot where there is one, and process scans."""
         options = self.options
         path = self.output / SNAPSHOT_FILE
-        if options.fresh:
-            path.unlink(missing_ok=True)
-        snapshot = read_snapshot(path)
-        if snapshot is not None and options.incoming is not None:
-            # Refused before anything is written.
-            description = read_description(Path(options.incoming))
-            run_id = parse_description(snapshot[0]["run"]).run_id
-            if description is not None and description.run_id != run_id:
-                raise ValueError(
-                    f"{options.incoming}: the description is that of another run; `fresh` begins "
-                    "anew"
-                )
+        snapshot = snapshot_to_go_on(path, options)
         sources: list[Source] = []
         if options.socket is not None:
             sources.append(SocketWatch(Path(options.socket), self.inbox))
@@ -322,10 +301,8 @@ class LiveRun:
             if arrival.kind == "failed":
                 return arrival
             if arrival.kind == "end":
-                if not self._is_of_another(arrival):
-                    self._compare_count(arrival, events)
+                if self._is_over(arrival, events):
                     return None
-                events.append([problem_event(arrival.name, _ANOTHER_END)])
             elif arrival.kind == "run":
                 self._take_description(arrival, events)
             elif self._take_frame(arrival, events):
@@ -368,20 +345,23 @@ class LiveRun:
                 raise ValueError(f"{arrival.name}: {error}") from None
             events.append([problem_event(arrival.name, str(error))])
 
-    def _is_of_another(self, arrival: Arrival) -> bool:
-        """Return whether the end comes from a sender that described another run, or sent its scans.
+    def _is_over(self, end: Arrival, events: EventFile) -> bool:
+        """Return whether the end that a sender states is that of this run.
 
-        After a restart a sender need not describe its run again.
+        It is not where the sender described another run, or sent its scans; after a restart it need
+        not describe its run again. Where it states more scans than came, that is told: the first or
+        the last ones may be missing.
         """
-        described = "" if self._intake is None else self._intake.description.run_id
-        return arrival.name == SOCKET and arrival.value not in ("", described)
-
-    def _compare_count(self, end: Arrival, events: EventFile) -> None:
-        """Tell of fewer scans than the end states: the first or the last ones may be missing."""
-        lacking = "" if self._intake is None else self._intake.lacking(end.stated_scans)
+        intake = self._intake
+        described = "" if intake is None else intake.description.run_id
+        if end.name == SOCKET and end.value not in ("", described):
+            events.append([problem_event(end.name, _ANOTHER_END)])
+            return False
+        lacking = "" if intake is None else intake.lacking(end.stated_scans)
         if lacking:
             events.append([problem_event(end.name, lacking)])
             log_note(lacking)
+        return True
 
     def _describe(
         self, description: RunDescription, events: EventFile, snapshot: Snapshot | None
@@ -412,21 +392,9 @@ class LiveRun:
             self._build(recipe, intake, events, snapshot)
         # Only of a description that is taken: another one leaves nothing behind.
         self.inbox.largest = largest_frame(description)
-        self._use_own_anchor(description, events)
-
-    def _use_own_anchor(self, description: RunDescription, events: EventFile) -> None:
-        """Use the georeference that a run is described with, unless an anchor was given."""
-        reference = description.attrs.get("georeference")
-        if self._alarms.anchor is not None or reference is None:
-            return
-        try:
-            anchor = own_anchor(reference)
-            if not np.isfinite(anchor.to_geodetic(np.zeros(3))).all():
-                raise ValueError(f"georeference must lie on the Earth, got {reference!r}")
-            self._alarms.anchor = anchor
-        except ValueError as error:
-            words = f"alarms have places in the lane alone: {error}"
-            events.append([problem_event(RUN_FILE, words)])
+        untied = self._alarms.use_georeference(description.attrs.get("georeference"))
+        if untied:
+            events.append([problem_event(RUN_FILE, untied)])
 
     def _build(
         self, recipe: Recipe, intake: Intake, events: EventFile, snapshot: Snapshot | None
@@ -506,8 +474,7 @@ class LiveRun:
             lines.append({"event": "counts", **intake.counts})
         events.append(lines)
         detector.learn()
-        self._moments = [*self._moments[:1], time.time()]
-        self._frames += 1
+        self._pace.take_frame()
         return scan is not None
 
     def _update_events(
@@ -556,7 +523,7 @@ class LiveRun:
             if change.view is not None:
                 lines.append(view_event(change.row, change.view))
         if update.outcome == "taken":
-            self._latency = [*self._latency[-_MOST_LATENCIES:], latency]
+            self._pace.took(latency)
         return lines
 
     def _judge(
@@ -604,89 +571,30 @@ class LiveRun:
         detector = self._detector
         intake = self._intake
         if detector is None or intake is None:
-            counts = {} if intake is None else dict(intake.counts)
-            return LiveReport(counts, latency_percentiles([]), 0, float("nan"))
+            return Pace().report({} if intake is None else dict(intake.counts), 0)
         self._report_senders(events)
         for name, count in self._senders.items():
             intake.counts[name] += count
         writer.last(self._snapshot())
         counts = dict(intake.counts)
         table = detector.table()
-        if not self._frames and (self.output / REPORT_FILE).is_file():
+        came = self._pace.frames > 0
+        if not came and (self.output / REPORT_FILE).is_file():
             log_finished(self.output, "`fresh` makes it again")
-            return LiveReport(counts, latency_percentiles([]), len(table), float("nan"))
+            return Pace().report(counts, len(table))
         write_table(table, self.output / "alarms.csv")
-        rate = float("nan")  # frames per second between the first and the last one
-        if self._frames >= 2:
-            rate = (self._frames - 1) / (self._moments[-1] - self._moments[0])
-        report = LiveReport(counts, latency_percentiles(self._latency), len(table), rate)
-        if not detector.saw_lane and self._frames and detector.lane is not None:
-            lane = detector.lane
-            unseen = (
-                f"no scan saw the lane, y {lane.y_min:g} to {lane.y_max:g} m: nothing is said of it"
-            )
-            events.append([problem_event("lane", unseen)])
-            log_note(unseen)
-        if detector.earlier is not None:
-            fit = detector.earlier.sentences()
-            events.append([problem_event(BEFORE, sentence) for sentence in fit])
-            if fit:
-                log_note("; ".join(fit))
+        report = self._pace.report(counts, len(table))
+        for name, sentences in sentences_at_end(detector, came).items():
+            events.append([problem_event(name, sentence) for sentence in sentences])
+            log_note("; ".join(sentences))
         end: EndEvent = {"event": "end", "alarms": len(table), "latency": report.latency_ms}
         events.append([{**end, **counts}])
-        stated_rate = rate if np.isfinite(rate) else None
+        stated_rate = report.rate if np.isfinite(report.rate) else None
         entries = asdict(report) | {"rate": stated_rate, "recipe": detector.recipe.name}
         write_whole(self.output / REPORT_FILE, canonical_json(entries) + b"\n")
         return report
 
 
-def rehearse(
-    description: RunDescription,
-    recipe: Recipe,
-    model: Model,
-    others: Mapping[str, xr.Dataset] | None = None,
-) -> None:
-    """Run noise through a separate detector: all is compiled and loaded before the first scan."""
-    settings = LiveSettings(looks=1, warm_up=3)
-    # What earlier drives tell is estimated from all of their scans for the detector itself.
-    few = {
-        name: run.isel(scan=np.flatnonzero(complete_scans(run))[:LEAST_SCANS])
-        for name, run in (others or {}).items()
-    }
-    detector = LiveDetector(description, recipe, None, model, settings, few)
-    rng = np.random.default_rng(0)
-    for number in range(8):
-        noise = rng.standard_normal((2, *description.shape), dtype=np.float32)
-        pose = np.array([0.0, float(number), 2.0, 0.0, 0.0, 0.0])
-        signal = (noise[0] + 1j * noise[1]).astype(np.complex64)
-        detector.add(Scan(number, float("nan"), pose, signal))
-
-
-def _recipe_vehicle(options: LiveOptions) -> Vehicle:
-    """Return the vehicle of the given recipe; of a recipe made for the run, the default one."""
-    if options.recipe is None:
-        return Vehicle()
-    return parse_recipe(recipe_text(options.recipe), str(options.recipe)).vehicle
-
-
 def _faults(counts: dict[str, int]) -> dict[str, int]:
     """Return the counts of what is not as it should be."""
     return {name: count for name, count in counts.items() if name not in _NO_FAULT}
-
-
-def _check_output(folder: Path) -> None:
-    """Refuse a folder that holds anything but the files of a live run, or links."""
-    known = {EVENT_FILE, ANSWER_FILE, "alarms.csv", REPORT_FILE, RECIPE_FILE}
-    known |= {name + PARTIAL for name in known}  # of a process that was killed
-    known |= {LIVE_RECORDING, f".partial-{LIVE_RECORDING}"}
-    refuse_links(folder)
-    entries = list(folder.iterdir()) if folder.is_dir() else []
-    foreign = []
-    for entry in entries:
-        refuse_links(entry)
-        if entry.name not in known and not entry.name.startswith(SNAPSHOT_FILE):
-            foreign.append(entry)
-    if folder.is_file() or foreign:
-        raise FileExistsError(
-            f"output must be a new folder or a live run's, got {folder}, which holds other files"
-        )

@@ -7,6 +7,7 @@ the recipe names are imaged. Images are made anew on every pass.
 from __future__ import annotations
 
 from collections.abc import Mapping, MutableMapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -119,9 +120,7 @@ class ImagedRun:
         self.truth = pd.DataFrame({"x": [], "y": []}) if truth is None else truth
         self.explains = explains
         self.untrained = unlearnt(recipe, self.model, training=truth is not None)
-        self.setup, self.imager = setup_of(
-            as_imaged(run, recipe), recipe, lane, self.results, others
-        )
+        self._set_up(as_imaged(run, recipe), others or {})
         self.near = self.setup.images
         self.grid = self.setup.view
         # The image of an aperture takes long to make, and is the only one of its run.
@@ -162,6 +161,26 @@ class ImagedRun:
         self.section = Section(0, self.grid.ny) if section is None else section
         self.view_rows = kept_rows(recipe, lane, self.section)
 
+    def _set_up(self, run: xr.Dataset, others: Mapping[str, xr.Dataset]) -> None:
+        """Make what stages are given, and the imager of the polarizations that count."""
+        table = self.recipe.image
+        labels = polarizations_of(run)
+        imaged = list(table.polarizations) or labels
+        self.imager = source = imager_of(run, table)
+        if imaged != labels:
+            self.imager = imager_of(run, table, polarizations=imaged)
+        self.setup = Setup(
+            run=run,
+            others=others,
+            lane=self.lane,
+            imager=source,
+            images=self.recipe.near_grid(),
+            view=self.recipe.run_view.grid(self.lane),
+            imaged=[labels.index(label) for label in imaged],
+            summed=table.summed,
+            results=self.results,
+        )
+
     def _background_rows(self, all_rows: bool) -> int:
         """Return how many rows of the images the background is estimated on."""
         rows = self.imager.grid.ny
@@ -200,6 +219,19 @@ class ImagedRun:
     def all_stages(self) -> list[Stage]:
         """Clutter stages, which clean data before there are images, and all others."""
         return [*self.clutter_stages.values(), *self.stages.values()]
+
+    def in_section(self, section: Section | None, results: MutableMapping[str, Any]) -> ImagedRun:
+        """Return the same lane with a section alone, which reads other results of passes."""
+        return ImagedRun(
+            self.run,
+            self.recipe,
+            self.lane,
+            self.model,
+            results=results,
+            section=section,
+            others=self.setup.others,
+            trust=self.trust,
+        )
 
     # Images of scans
 
@@ -512,44 +544,15 @@ class ImagedRun:
         labels = self.labels()
         # Stages that read the run-view name their columns when they are asked about no alarms, on a
         # bit of a run-view that no scan saw.
-        rows = min(2, self.grid.ny)
-        shape = (len(labels["polarization"]), len(labels["subband"]), rows, self.grid.nx)
+        bit = replace(self.grid, ny=min(2, self.grid.ny))
+        shape = (len(labels["polarization"]), len(labels["subband"]), bit.ny, bit.nx)
         unseen = np.full(shape, np.nan, np.float32)
-        no_looks = np.zeros(shape[-2:], np.int64)
-        empty = view_array(unseen, no_looks, self.grid, labels, slice(rows))
+        empty = view_array(unseen, np.zeros(shape[-2:], np.int64), bit, labels)
         names: list[str] = []
         for stage in self.columns:
             names += stage.columns
             names += stage.of_view(empty, np.zeros((0, 2)))
         return names
-
-
-def setup_of(
-    run: xr.Dataset,
-    recipe: Recipe,
-    lane: Lane,
-    results: MutableMapping[str, Any],
-    others: Mapping[str, xr.Dataset] | None = None,
-) -> tuple[Setup, ScanImager]:
-    """Return what stages are given of a run, and the imager of the polarizations that count."""
-    table = recipe.image
-    labels = polarizations_of(run)
-    imaged = list(table.polarizations) or labels
-    source = imager_of(run, table)
-    setup = Setup(
-        run=run,
-        others=others or {},
-        lane=lane,
-        imager=source,
-        images=recipe.near_grid(),
-        view=recipe.run_view.grid(lane),
-        imaged=[labels.index(label) for label in imaged],
-        summed=table.summed,
-        results=results,
-    )
-    if imaged == labels:
-        return setup, source
-    return setup, imager_of(run, table, polarizations=imaged)
 
 
 def imager_of(

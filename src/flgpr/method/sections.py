@@ -12,11 +12,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from flgpr.engine import blocks_of
 from flgpr.method.memory import LaneMemory, lane_memory
 from flgpr.model import Lane
 from flgpr.recipe.schema import LEAST_LOOKS, Recipe, seen_lane
@@ -54,9 +54,7 @@ def divide(rows: int, longest: int) -> list[Section]:
     >>> [(section.start, section.stop) for section in divide(10, 4)]
     [(0, 3), (3, 6), (6, 10)]
     """
-    count = -(-rows // longest)
-    edges = [rows * k // count for k in range(count + 1)]
-    return [Section(start, stop) for start, stop in pairwise(edges)]
+    return [Section(block.start, block.stop) for block in blocks_of(rows, longest)]
 
 
 def margin(recipe: Recipe) -> int:

@@ -361,6 +361,8 @@ def figures_of(setup: RadarSetup, model: Recipe | None = None, again: bool = Fal
     )
     if method.model:
         return _choose_like(setup, method, method.model.image.subbands)
+    if again:
+        return _choose(setup, method, _band_again(setup))
     whole = _whole_band(setup, model)
     return replace(_choose(setup, method, whole), whole=whole is not None)
 
@@ -451,8 +453,6 @@ def _choose(setup: RadarSetup, method: _Method, given: dict[str, Band] | None = 
     height = setup.height
     # The main lobe of a Hann window is twice as wide.
     blur = 1 if method.window == "boxcar" else 2
-    if method.again:
-        given = _band_again(setup)
     bands = given or divide(setup.tones, blur * _BANDWIDTH)
     nearest = method.near * height
     middle = _MIDDLE * height

@@ -35,6 +35,7 @@ def recipe_for(
     output: PathLike | None = None,
     max_memory: int = MAX_MEMORY,
     like: PathLike | None = None,
+    again: bool = False,
 ) -> str:
     """Make a recipe for a stored run, see :func:`fit_recipe`.
 
@@ -48,6 +49,8 @@ def recipe_for(
         Bytes that reading the run may take.
     like : str or path, optional
         Packaged recipe, or a file, whose method the recipe has.
+    again : bool
+        Whether earlier drives over the road are given.
 
     Returns
     -------
@@ -65,7 +68,7 @@ def recipe_for(
     model = None if like is None else load_model_recipe(like)
     dataset = open_run(run, max_memory)
     with faults_of(run):
-        text = _fitted_recipe(dataset, model)
+        text = fit_recipe(dataset, like=model, again=again)
     if output is not None:
         write_new(Path(output), text)
     return text
@@ -105,8 +108,7 @@ def recipe_or_fitted(
     # A model holds what the stages of its own recipe have learnt.
     if model is not None:
         raise ValueError("recipe must be given with a model: the one it was trained with, got none")
-    with faults_of(run):
-        return fit_recipe(open_run(run, max_memory), again=again)
+    return recipe_for(run, max_memory=max_memory, again=again)
 
 
 def with_earlier(text: str) -> str:
@@ -121,7 +123,10 @@ def with_earlier(text: str) -> str:
 
 
 def fit_recipe(
-    run: xr.Dataset, begins: bool = False, like: PathLike | None = None, again: bool = False
+    run: xr.Dataset,
+    begins: bool = False,
+    like: PathLike | ModelRecipe | None = None,
+    again: bool = False,
 ) -> str:
     """Make a recipe from what a run is: its band, polarizations, array and course.
 
@@ -145,8 +150,8 @@ def fit_recipe(
     begins : bool
         Whether the scans are the beginning of a drive that goes on. Its recipe takes the mean of
         many scans as self-signature.
-    like : str or path, optional
-        Packaged recipe, or a file, whose method the recipe has.
+    like : str, path or ModelRecipe, optional
+        Packaged recipe, or a file, whose method the recipe has; or one that is loaded.
     again : bool
         Whether earlier drives over the road are given. What they predict is subtracted; without
         ``like`` the band is one, which ends where grating lobes come near.
@@ -171,14 +176,7 @@ def fit_recipe(
     >>> recipe.image.y, recipe.prescreen.polarization, list(recipe.image.subbands)
     ((1.2, 7.2), 'HH', ['F1'])
     """
-    model = None if like is None else load_model_recipe(like)
-    return _fitted_recipe(run, model, begins, again)
-
-
-def _fitted_recipe(
-    run: xr.Dataset, model: ModelRecipe | None, begins: bool = False, again: bool = False
-) -> str:
-    """Return the text of the recipe of a run, with the method of a model where there is one."""
+    model = like if like is None or isinstance(like, ModelRecipe) else load_model_recipe(like)
     run = plausible_run(run)
     aperture = goes_across(run)
     setup = radar_setup(aperture_run(run) if aperture else run, aperture)

@@ -7,7 +7,6 @@ little-endian half floats in dB.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -19,6 +18,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.door import Folder
+from flgpr.json_text import compact_json
 from flgpr.method.detection import MAIN, Detection
 from flgpr.method.evidence import Evidence
 from flgpr.method.look_samples import decibels
@@ -123,8 +123,7 @@ def write_view(
         index["unlike"] = unlike
     if recipe.image.frames == "all":
         index["aperture"] = True  # what explains alarms is of all scans
-    text = json.dumps(plain_json(index), separators=(",", ":"), allow_nan=False)
-    write_whole(view_folder / "index.json", text + "\n")
+    write_whole(view_folder / "index.json", compact_json(plain_json(index)) + "\n")
 
 
 def read_layer(files: Folder, name: str, channel: xr.DataArray) -> xr.DataArray | None:

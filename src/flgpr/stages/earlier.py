@@ -331,15 +331,19 @@ class EarlierRuns(ClutterStage):
         days: dict[str, ComplexArray] = self._of_thread.days
         return days
 
-    def stood_still(self) -> ComplexArray | None:
-        """Estimate what stood still at the earlier drives, each by itself, and return the first's.
+    def estimate_alone(self) -> None:
+        """Put what stood still at each earlier drive, by that drive alone, among the results.
 
-        Live there is nothing of today to tell it by. None: that drive's array was another one.
+        Live there is nothing of today to tell it by.
         """
         drives = self._drives if self.settings.iterations else []
         for drive in drives:
             field = drive.standing_alone(_REFINING)
             self.setup.results[drive.result] = {"field": field}
+
+    @property
+    def stood_still(self) -> ComplexArray | None:
+        """What stood still at the first earlier drive; None where its array was another one."""
         own, first = self.setup.imager.run, self._drives[0]
         for end in ("tx_position", "rx_position"):
             places, then = own[end].values, first.imager.run[end].values

@@ -6,6 +6,7 @@ Signatures of simulated bodies are compared with clutter that is learnt from tra
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from typing import Annotated, Any, ClassVar, NamedTuple
 
@@ -37,6 +38,7 @@ from flgpr.stages.textured_clutter import (
     principal_directions,
     ratio,
     shape_counts,
+    summed_clutter,
 )
 from flgpr.stages.too_few import Tally, TooFewExamplesError, clear_change
 from flgpr.types import (
@@ -425,18 +427,14 @@ class LikelihoodMap(MapStage):
 
         Both are learnt by metre ahead.
         """
-        total = np.sum([lane["covariance"] for lane in examples], axis=0)
-        count = np.sum([lane["count"] for lane in examples], axis=0)
+        total, count = summed_clutter(examples)
         size = total.shape[-1]
         if count.sum() < size:
             needed = f"{size} places of target-free ground or more, got {count.sum():g}"
             free = Tally(int(count.sum()), "places in the lane away from all targets")
             raise TooFewExamplesError(needed, [free], [clear_change(settings)])
 
-        learnt: dict[str, list[Any]] = {"whitener": []}
-        for group in (_MINES, _STONES):
-            learnt[group.signature] = []
-            learnt[group.share] = []
+        learnt: dict[str, list[Any]] = defaultdict(list)
         chips = {}
         ahead = {}
         for group in (_MINES, _STONES):
@@ -474,9 +472,7 @@ class LikelihoodMap(MapStage):
         The directions of the signatures stay those of all: here they only tell what is most like a
         mine.
         """
-        others = [lane for place, lane in enumerate(examples) if place != number]
-        total = np.sum([lane["covariance"] for lane in others], axis=0)
-        count = np.sum([lane["count"] for lane in others], axis=0)
+        total, count = summed_clutter([*examples[:number], *examples[number + 1 :]])
         if count.sum() < total.shape[-1]:
             return learnt
         whitener = [clutter_whitener(total, count, m, settings.load) for m in range(len(count))]

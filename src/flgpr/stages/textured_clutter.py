@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
-from flgpr.types import AnyArray, ComplexArray, FloatArray, IndexArray, IntArray
+from flgpr.types import AnyArray, Arrays, ComplexArray, FloatArray, IndexArray, IntArray
 
 SHAPES = np.geomspace(0.05, 500.0, 241)
 """Borders between classes of the power that whitening leaves of a chip of unit power."""
@@ -120,6 +120,12 @@ def ratio(
     rest = np.maximum(1 - share_of_chip @ (gain / (1 + gain)).T, 1e-6)
     by_power = -chips.shape[-1] * np.log(rest) - np.log1p(gain).sum(axis=1)
     return np.asarray(logsumexp(by_power, axis=-1) - math.log(len(ratios)))
+
+
+def summed_clutter(lanes: Sequence[Arrays]) -> tuple[AnyArray, FloatArray]:
+    """Return the sums of x x^H and the number of chips by metre, over several lanes."""
+    total = np.sum([lane["covariance"] for lane in lanes], axis=0)
+    return total, np.sum([lane["count"] for lane in lanes], axis=0)
 
 
 def clutter_whitener(total: AnyArray, count: FloatArray, metre: int, load: float) -> AnyArray:

@@ -5,7 +5,6 @@ The viewer appends to it, for whoever may write there; detection alone writes th
 
 from __future__ import annotations
 
-import json
 import time
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -14,6 +13,7 @@ from pydantic import Field
 
 from flgpr.append_log import AppendLog, read_log
 from flgpr.door import refuse_links
+from flgpr.json_text import compact_json
 from flgpr.model.bounds import Entries
 from flgpr.model.faults import first_fault_of
 
@@ -67,7 +67,7 @@ def add_answer(folder: Path, body: bytes) -> dict[str, Any]:
     with AppendLog(folder / ANSWER_FILE, _PATIENCE) as log:
         if len(log.lines) >= MOST_ANSWERS:
             raise ValueError(f"answers of a run must be at most {MOST_ANSWERS}")
-        log.append(json.dumps(entries, separators=(",", ":"), allow_nan=False).encode())
+        log.append(compact_json(entries).encode())
     return entries
 
 

@@ -503,7 +503,12 @@ def write_description(description: RunDescription, folder: Path) -> None:
     OSError
         If the file cannot be written.
     """
-    write_whole(folder / RUN_FILE, json.dumps(description.as_json(), indent=1) + "\n")
+    write_whole(folder / RUN_FILE, description_text(description))
+
+
+def description_text(description: RunDescription) -> str:
+    """Return what the file of a run's description holds."""
+    return json.dumps(description.as_json(), indent=1) + "\n"
 
 
 def read_description(folder: Path) -> RunDescription | None:

@@ -99,6 +99,14 @@ def without_quotes(table: pd.DataFrame) -> pd.DataFrame:
     return bare
 
 
+def write_table_beside(store: Path, name: str, table: pd.DataFrame) -> Path:
+    """Write a table beside the store of a run, as STORE-NAME.csv and .json; return the former."""
+    path = store.with_name(f"{store.stem}-{name}.csv")
+    write_table(table, path)
+    write_geojson(table, path.with_suffix(".json"))
+    return path
+
+
 def write_geojson(table: pd.DataFrame, path: str | Path) -> None:
     """Write a table as points in the form of GeoJSON, in the lane frame.
 

@@ -13,7 +13,6 @@ y to the left, z up, because programs draw a pose as an arrow along its x.
 from __future__ import annotations
 
 import base64
-import json
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from typing import Any
@@ -21,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flgpr.json_text import parse_json
+from flgpr.json_text import compact_json, parse_json
 from flgpr.model.frames import pose_matrix
 
 LANE_FRAME = "lane"
@@ -184,27 +183,6 @@ def geojson_message(alarms: Sequence[Mapping[str, Any]], statement: str) -> Mess
         features.append({"type": "Feature", "geometry": geometry, "properties": properties})
     collection = {"type": "FeatureCollection", "statement": statement, "features": features}
     return {"geojson": compact_json(collection)}
-
-
-def compact_json(value: Any) -> str:
-    """Return a value as JSON without spaces.
-
-    Parameters
-    ----------
-    value : JSON value
-        The value.
-
-    Returns
-    -------
-    str
-        The text.
-
-    Raises
-    ------
-    ValueError
-        If a number is not finite.
-    """
-    return json.dumps(value, separators=(",", ":"), allow_nan=False)
 
 
 def _time(nanoseconds: int) -> dict[str, int]:

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import BinaryIO
 
 from flgpr.door import open_own
+from flgpr.json_text import compact_json
 from flgpr.store.extras import optional
-from flgpr_exchange.bags.foxglove import SCHEMAS, Message, compact_json
+from flgpr_exchange.bags.foxglove import SCHEMAS, Message
 
 _LIBRARY = "flgpr"
 """What the file says wrote it; the library's own version would change its bytes."""

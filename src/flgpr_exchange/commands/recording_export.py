@@ -19,7 +19,7 @@ from flgpr.commands.exports import Wish
 from flgpr.door import Folder
 from flgpr.geo import own_anchor, read_anchor
 from flgpr.geo.points import STATEMENT
-from flgpr.json_text import parse_json
+from flgpr.json_text import compact_json, parse_json
 from flgpr.live.events import EVENT_FILE, add_places_on_earth
 from flgpr.method.detection import MAIN, Detection
 from flgpr.method.look_samples import decibels
@@ -199,7 +199,7 @@ class LiveRecorder:
         if not isinstance(alarm["alarm_id"], str) or not isinstance(alarm["state"], str):
             raise TypeError("alarm_id and state must be texts")
         alarm |= {name: float(alarm[name]) for name in ("x", "y", "confidence")}
-        foxglove.compact_json(alarm)  # refuses numbers that are not finite
+        compact_json(alarm)  # refuses numbers that are not finite
         self._scan_alarms.append(alarm)
 
     def _write_alarms(self) -> None:

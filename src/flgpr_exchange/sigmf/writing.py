@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 from datetime import UTC, datetime, timedelta
 from glob import escape
@@ -14,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from flgpr.door import MOST_JSON
-from flgpr.json_text import MOST_VALUES, count_values
+from flgpr.json_text import MOST_VALUES, compact_json, count_values
 from flgpr.model import check_run
 from flgpr.model.printable import printable
 from flgpr.model.run import polarizations_of
@@ -138,8 +137,7 @@ def write_sigmf(
 def _metadata(run: xr.Dataset, captures: list[Entries], digest: str) -> bytes:
     """Return the file of the metadata, JSON without blanks: a capture takes up to 400 bytes."""
     content = {"global": _global(run, digest), "captures": captures, "annotations": []}
-    text = json.dumps(content, allow_nan=False, separators=(",", ":"))
-    return text.encode() + b"\n"
+    return compact_json(content).encode() + b"\n"
 
 
 def _check_readable(metadata: bytes, scans: int) -> None:

@@ -196,10 +196,7 @@ class LaneClutter(Pass):
         place = self._places.get(scan.index)
         if place is None:
             return
-        lane = self.lane
-        image = scan.near_image
-        coherent = lane.background.own_coherent(image.values, scan.gain)
-        of_scan = lane.mapper.clutter_of(image.copy(data=coherent))
+        of_scan = self.lane.mapper.clutter_of(scan.coherent)
         arrays = {}
         for name, array in of_scan.items():
             arrays[name] = np.zeros((len(SIZES), *array.shape), array.dtype)

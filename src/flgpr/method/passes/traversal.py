@@ -76,14 +76,14 @@ class ImagedScan:
         lane = self._lane
         if lane.mapper is None:
             return lane.background.magnitude(self.near_image.values, self.gain)
-        return lane.mapper.map(self._coherent)[None, None]
+        return lane.mapper.map(self.coherent)[None, None]
 
     def map_as_learnt(self) -> Float32Array:
         """Return the map (1, 1, y, x) as it is where nothing stands in for what was learnt."""
-        return self._lane.mapper.map_as_learnt(self._coherent)[None, None]
+        return self._lane.mapper.map_as_learnt(self.coherent)[None, None]
 
     @property
-    def _coherent(self) -> xr.DataArray:
+    def coherent(self) -> xr.DataArray:
         """The cleaned image with its phase, a gain of each polarization's own."""
         coherent = self._lane.background.own_coherent(self.near_image.values, self.gain)
         return self.near_image.copy(data=coherent)
