@@ -6,11 +6,12 @@ DIR is the folder of `flgpr reproduce all -o DIR`. For Wang et al. 2007 a replic
 lanes with the paper's mines, of other seeds; their statements on blind lanes are not repeated. For flsar2004 it is the
 whole study, on lanes of both sites of other seeds, with the study's mines. By default there are 20 and 12 of them.
 
-Every finished replicate stays in DIR/PAPER/replicates as a list of findings, so that an interrupted run resumes. Those
-in evidence/repeats/PAPER ran before and are taken as they are: each takes eight minutes of a processor. With
-``--minutes`` it begins no replicate after that time. The statements of all together, ``findings.json`` there, have the
-mean over the replicates with Student's interval, its verdict and power, and in how many the number by itself shows what
-the paper says. ``python evidence/verdict_tables.py DIR`` takes them into the tables.
+Every finished replicate stays in DIR/PAPER/replicates as a list of findings, so that an interrupted run resumes.
+Those in evidence/repeats/PAPER ran before and are taken as they are: each takes eight minutes of a processor, of
+flsar2004 fourteen. With ``--minutes`` it begins no replicate after that time. The statements of all together,
+``findings.json`` there, have the mean over the replicates with Student's interval, its verdict and power, and in how
+many the number by itself shows what the paper says. ``python evidence/verdict_tables.py DIR`` takes them into the
+tables.
 """
 
 from __future__ import annotations

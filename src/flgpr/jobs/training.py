@@ -279,21 +279,19 @@ class _Training:
 
     def train_detector(self, features: Sequence[str], label_radius: float) -> None:
         """Train the detector on the alarms of all lanes."""
+        table = self.recipe.detector or DetectorTable(features=CLASSIFIER_B)
+        patterns = list(features) or list(table.features)
         lanes: list[LaneOfAlarms] = []
         raised = 0
         for number, (setup, lane) in enumerate(self._imaged_lanes(truth=False), 1):
             name = f"{number}:{lane.name}"
             ranked = rank_alarms(setup)
-            lanes.append((name, ranked.alarms, ranked.features, lane.targets, lane.area))
+            of_alarms = ranked.features
+            if "magnitude" in patterns:  # of the alarm, which is read where it is named
+                of_alarms = of_alarms.assign(magnitude=ranked.alarms["magnitude"])
+            lanes.append((name, ranked.alarms, of_alarms, lane.targets, lane.area))
             self._profiles.append(setup.level_profile())
             raised += len(setup.alarms())
-        table = self.recipe.detector or DetectorTable(features=CLASSIFIER_B)
-        patterns = list(features) or list(table.features)
-        if "magnitude" in patterns:  # of the alarm, which is read where it is named
-            lanes = [
-                (name, alarms, of_alarms.assign(magnitude=alarms["magnitude"]), truth, area)
-                for name, alarms, of_alarms, truth, area in lanes
-            ]
         table = table.model_copy(update={"features": tuple(patterns)})
         columns = _matching(patterns, list(lanes[0][2].columns))
         with self._counted("detector"):
@@ -470,10 +468,9 @@ def _free_ground(
             continue
         for number in inside:
             _, alarms, features, truth, lane = lanes[number]
-            table = features.assign(magnitude=alarms["magnitude"])
             off = _to_nearest(alarms, truth)
             counts = lane.contains(alarms["x"], alarms["y"]) & (off > label_radius)
-            confidence = np.asarray(detector.confidence(table), dtype=float)[counts]
+            confidence = np.asarray(detector.confidence(features), dtype=float)[counts]
             area = _area_without(truth, lane, label_radius)
             if area > 0:
                 free.append(free_ground(confidence, area))
