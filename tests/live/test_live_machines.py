@@ -15,6 +15,7 @@ from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
 
 from damage import MACHINE
 from flgpr.live import session
+from flgpr.live.detector import LiveSettings
 from flgpr.live.options import LiveOptions
 from flgpr.live.session import LiveRun
 from flgpr.model import make_run
@@ -156,7 +157,7 @@ class SessionMachine(RuleBasedStateMachine):
     @rule()
     def other_settings_are_refused(self):
         if (self.home / "out" / "snapshot.bundle").is_file():
-            other = session.LiveSettings(looks=2)
+            other = LiveSettings(looks=2)
             with pytest.raises(ValueError, match=r"another run, recipe, model or setting; `fresh`"):
                 self.options("out", settings=other).run()
 
