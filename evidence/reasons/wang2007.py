@@ -33,6 +33,7 @@ from flgpr_papers.kit.scenes import changed
 from flgpr_papers.kit.study_worlds import OWN, study_world
 from flgpr_papers.wang2007.analysis import LaneResult, clutter_levels, stands_out
 from flgpr_papers.wang2007.lanes import TRACK, sensor
+from reasons.calibration_lanes import calibration_trials
 from reasons.recipe_costs import cost_trials
 from reasons.trials import Trial, declared_trials
 
@@ -110,6 +111,7 @@ def trials(
         record = read_or_make(path, partial(clutter_record, scene, seed))
         records.setdefault(name, []).append(record)
     trial_list = clutter_trials(records)
+    trial_list += calibration_trials(folder, quick, world, track)
     if world == OWN:
         trial_list += cost_trials(folder, quick, world, track)
     return trial_list
