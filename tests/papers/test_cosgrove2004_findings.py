@@ -39,12 +39,16 @@ def case(seed, target, clutter, names=("HH", "PWF", "rank 1", "rank 3")):
     }
 
 
+MINES = {
+    "signature_humps": {"HH": [2, 2, 2, 3], "VV": [5, 5, 4, 5]},
+    "visible": [[True, True, True]] * 6,
+}
+
+
 def premises(seed):
     """Measures of images as the paper describes them, but for the correlation, which is that of clutter."""
     some = seed % 2
     return {
-        "signature_humps": {"HH": [2, 2, 2, 3], "VV": [5, 5, 4, 5]},
-        "visible": [True, True, True],
         "point_width": 0.4,
         "premises": {
             "mine": {
@@ -72,7 +76,7 @@ def test_verdicts_follow_the_interval_over_seeds(tmp_path):
     }
     recipe = recipe.model_copy(update={"sites": {site: recipe.sites[site] for site in sites}})
     table = pd_table(recipe, cases)
-    found = {one.claim: one for one in findings(recipe, cases)}
+    found = {one.claim: one for one in findings(recipe, cases, MINES)}
     write_findings(tmp_path, list(found.values()), quick=False)
     assert read_findings(tmp_path)[0].shown == found[next(iter(found))].shown == (6, 6)
     assert found["The deflection detector outperforms PWF: site one, dry sand"].verdict == "agrees"
@@ -82,11 +86,15 @@ def test_verdicts_follow_the_interval_over_seeds(tmp_path):
     )
     assert found["Eigenvalue 2 is 0.089 of the first (dry sand)"].verdict == "agrees"
     assert found["Eigenvalue 3 is 0.075 of the first (dry sand)"].verdict == "disagrees"
-    premise = {one.claim: one.verdict for one in findings(recipe, cases)}
+    premise = {one.claim: one.verdict for one in findings(recipe, cases, MINES)}
     assert (
         premise["A simulated mine has a double hump along range, HH"] == "cannot say"
     )  # 4 mines: 1.5 to 3
     assert premise["A simulated mine has a double hump along range, VV"] == "disagrees"
+    without = {one.claim for one in findings(recipe, cases)}
+    assert set(premise) - without == {
+        claim for claim in premise if "ulated mine" in claim or "Three" in claim
+    }
     assert premise["The double hump is evident in the data, HH"] == "agrees"
     assert (
         premise["The double hump appears to be the distinguishing feature of a mine, HH"]
@@ -109,7 +117,7 @@ def test_verdicts_follow_the_interval_over_seeds(tmp_path):
     blind = {
         s: [case(k, rng.normal(-50, 1, 40), rng.normal(0, 1, 500)) for k in range(6)] for s in sites
     }
-    for one in findings(recipe, blind):
+    for one in findings(recipe, blind, MINES):
         found_by_detectors = one.quantity.startswith("Pd at") and not one.claim.startswith(
             "Pd is about"
         )

@@ -216,8 +216,6 @@ def premises(seed):
     """Measures of images as the paper describes them, but for the correlation, which is that of clutter."""
     some = seed % 2
     return {
-        "signature_humps": {"HH": [2, 2, 2, 3], "VV": [5, 5, 4, 5]},
-        "visible": [True, True, True],
         "point_width": 0.4,
         "premises": {
             "mine": {

@@ -199,7 +199,9 @@ def contrast_table(cases: Mapping[str, Sequence[Case]]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["site", "depth", "looks", "contrast"])
 
 
-def findings(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> list[Finding]:
+def findings(
+    recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]], mines: Case | None = None
+) -> list[Finding]:
     """Judge every statement of the paper, then the questions it leaves open.
 
     Parameters
@@ -208,12 +210,15 @@ def findings(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> list[F
         The study.
     cases : mapping of str to sequence of Case
         Cases of every seed by site.
+    mines : Case, optional
+        What was measured on mines without a lane of a seed; without it nothing is said of them.
     """
     looks = Looks(recipe, cases)
     return [
         *_detector_statements(recipe, looks),
         *_sweep_statements(recipe, looks, cases),
         *_eigenvalue_statements(recipe, cases["sand"]),
+        *(_mine_statements(recipe, mines) if mines else ()),
         *_premise_statements(recipe, cases["sand"]),
         *_open_questions(recipe, looks),
     ]
@@ -396,6 +401,24 @@ def _open_questions(recipe: StudyRecipe, looks: Looks) -> list[Finding]:
     return questions
 
 
+def _of_looks(recipe: StudyRecipe, name: str, looks: Sequence[Any], **fields: Any) -> Finding:
+    """Judge a statement by the share of looks for which something holds, seed by seed."""
+    table = floats(looks)
+    return _judge(recipe, name, share_of_looks(table), table.mean(axis=1), **fields)
+
+
+def _mine_statements(recipe: StudyRecipe, mines: Case) -> list[Finding]:
+    """Judge the paper's premises about mines in dry sand: the double hump (Fig. 3) and Fig. 2."""
+    premises = recipe.premises
+    statements = []
+    for name in recipe.cut.polarizations:
+        humps = students(mines["signature_humps"][name], bounds=_POSITIVE)
+        words: Entries = {"rule": premises.humps, "polarization": name}
+        statements.append(_judge(recipe, "signature", humps, **words))
+    words = {"rule": premises.visible_mines, "share": premises.visible}
+    return [*statements, _of_looks(recipe, "visible", mines["visible"], **words)]
+
+
 def _premise_statements(recipe: StudyRecipe, sand: Sequence[Case]) -> list[Finding]:
     """Judge the paper's premises about mines and clutter in dry sand.
 
@@ -416,27 +439,13 @@ def _premise_statements(recipe: StudyRecipe, sand: Sequence[Case]) -> list[Findi
         ]
         return judged(name, mines - clutter, SHARE_DIFFERENCE, **fields)
 
-    def of_looks(name: str, looks: Sequence[Any], **fields: Any) -> Finding:
-        """Judge by the share of looks for which something holds."""
-        table = floats(looks)
-        return _judge(recipe, name, share_of_looks(table), table.mean(axis=1), **fields)
-
     words: Entries
     statements = []
-    for name in recipe.cut.polarizations:
-        # The signatures are the same for every seed: their mines are the sample.
-        humps = students(sand[0]["signature_humps"][name], bounds=_POSITIVE)
-        words = {"rule": premises.humps, "polarization": name}
-        statements.append(_judge(recipe, "signature", humps, **words))
     for name in recipe.cut.polarizations:
         means = [_mean(of_seed["mine"][name]) for of_seed in measures]
         words = {"rule": premises.humps, "polarization": name}
         statements.append(judged("evident", means, _POSITIVE, **words))
         statements.append(of_both("distinguishing", _double_share, name, polarization=name))
-    seen = [case["visible"] for case in sand]
-    if any(seen):
-        words = {"rule": premises.visible_mines, "share": premises.visible}
-        statements.append(of_looks("visible", seen, **words))
     moments = [of_seed["fourth_moment_ratio"] for of_seed in measures]
     most = premises.humps_across[1]
     one_hump = [np.array(of_seed["across"]["humps"]) <= most for of_seed in measures]
@@ -445,7 +454,7 @@ def _premise_statements(recipe: StudyRecipe, sand: Sequence[Case]) -> list[Findi
         *statements,
         of_both("correlated", _mean, "correlation"),
         judged("gaussian", moments, _POSITIVE, rule=premises.fourth_moment),
-        of_looks("across", one_hump),
+        _of_looks(recipe, "across", one_hump),
         judged("wide", widths, _POSITIVE, above=premises.width_across),
     ]
 

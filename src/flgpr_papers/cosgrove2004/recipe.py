@@ -91,6 +91,7 @@ class Premises(Table):
     #: share of clutter boxes that a visible mine exceeds
     visible: Annotated[float, Field(gt=0, lt=1)]
     visible_mines: Span  #: share of visible mines that is called "readily visible"
+    wide_images: Annotated[int, Field(ge=2)]  #: images of Fig. 2's mines, by seeds
     fourth_moment: Span  #: of complex Gaussian clutter, E|z|⁴ / (E|z|²)² is 2
     humps_across: Span  #: mean number of humps across that is called no structure
     width_across: Positive  #: least width of mines across, in widths of an ideal point

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -178,13 +180,15 @@ def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
     of_seeds = [
         seed_cases(recipe, folder, seed) for seed in track(seeds, "lanes, seed by seed", len(seeds))
     ]
+    path = folder / "lanes" / f"premises-{_key(recipe)}.json"
+    premises = read_or_make(path, partial(mine_measures, recipe))
     cases: dict[str, dict[str, list[Case]]] = {}
     tables = {}
     found = []
     for name in SURROUNDINGS:
         cases[name] = {site: [one[name][site] for one in of_seeds] for site in recipe.sites}
         tables[name] = pd_table(recipe, cases[name])
-        for finding in findings(recipe, cases[name]):
+        for finding in findings(recipe, cases[name], premises if name == "open" else None):
             found.append(replace(finding, group=name))
     responses = {
         "with the ramp": point_response(recipe, True),
@@ -205,15 +209,35 @@ def run(folder: Path, quick: bool, track: Track, world: str) -> Outcome:
 def seed_cases(recipe: StudyRecipe, folder: Path, seed: int) -> dict[str, dict[str, Case]]:
     """Return the cases of a seed by surroundings and site, or read them if they are on disk."""
     models = folder / "models" if seed == 1 else None
-    # Whoever asks for more seeds keeps those that are done.
-    left_out: Entries = {"vehicle": True, "study": {"seeds"}, "sweeps": {"seeds"}}
-    of_seed = recipe.model_dump(mode="json", exclude=left_out)
-    key = key_of(of_seed, seed <= recipe.sweeps.seeds)
+    key = _key(recipe, seed <= recipe.sweeps.seeds)
     path = folder / "lanes" / f"seed-{seed}-{key}.json"
     cases: dict[str, dict[str, Case]] = read_or_make(
         path, lambda: run_seed(recipe, seed, recipe.study.share, models)
     )
     return cases
+
+
+def _key(recipe: StudyRecipe, *content: Any) -> str:
+    """Return the key of what a recipe measures, whatever the number of its seeds."""
+    # Whoever asks for more seeds keeps those that are done.
+    left_out: Entries = {"vehicle": True, "study": {"seeds"}, "sweeps": {"seeds"}}
+    return key_of(recipe.model_dump(mode="json", exclude=left_out), *content)
+
+
+def mine_measures(recipe: StudyRecipe) -> Case:
+    """Measure what the paper says of mines in dry sand without training: Sec. III-B and Fig. 2.
+
+    Returns
+    -------
+    dict
+        ``signature_humps``, as :func:`signature_humps` of all mines of the lane, clutter-free;
+        ``visible``, of every wide image which of its mines are readily visible.
+    """
+    looks = signature_looks(recipe, "sand", share=1.0)
+    cuts = np.concatenate([target_cut(recipe, look) for look in looks])
+    images = range(1, 1 + recipe.premises.wide_images)
+    visible = [visible_mines(recipe, wide_image(recipe, seed)) for seed in images]
+    return {"signature_humps": signature_humps(recipe, cuts), "visible": visible}
 
 
 def run_seed(
@@ -240,12 +264,10 @@ def run_seed(
     cases: dict[str, dict[str, Case]] = {surroundings: {} for surroundings in SURROUNDINGS}
     sand_cuts: dict[str, Complex128Array] = {}
     response = point_response(recipe, filtered=recipe.image.filter == "ramp")
-    visible = visible_mines(recipe, wide_image(recipe, seed))
     # Dry sand comes first: its detector is tried at the other sites.
     for site in sorted(recipe.sites, key=lambda site: site != "sand"):
         bare_looks = signature_looks(recipe, site)
         signatures = np.concatenate([target_cut(recipe, look) for look in bare_looks])
-        humps = signature_humps(recipe, signatures)
         has_sweeps = site in SOILS and seed <= recipe.sweeps.seeds
         examples = example_looks(recipe, site, seed, share) if has_sweeps else {}
         for surroundings, looks in lane_looks(recipe, site, seed, share).items():
@@ -264,7 +286,6 @@ def run_seed(
                 learnt = learnt_of(detector.forms, training.clutter)
                 model = Model(stages={"map.deflection": learnt})
                 save_model(model, models / f"{site}-{surroundings}", detector.notes)
-            has_wide_image = (surroundings, site) == ("open", "sand")
             peaks = score_looks(recipe, [look for look in looks if not look.trains], chip_detectors)
             if has_sweeps:
                 peaks |= one_polarization(recipe, looks)
@@ -272,8 +293,6 @@ def run_seed(
             cases[surroundings][site] = {
                 **_lane_case(recipe, looks, training),
                 "peaks": {name: asdict(of_detector) for name, of_detector in peaks.items()},
-                "signature_humps": humps,
-                "visible": visible if has_wide_image else [],
                 "point_width": response.resolution[1],
                 "site": site,
                 "seed": seed,
