@@ -37,6 +37,7 @@ from flgpr_papers.cosgrove2004.signature import (
 from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.study_worlds import OWN
 from reasons.changed_lanes import LaneChange, open_looks, reflector_looks
+from reasons.cosgrove2004_soils import soil_trials
 from reasons.trials import Trial, declared_trials
 
 ComplexArray = NDArray[np.complex128]
@@ -115,6 +116,7 @@ def trials(
         *declared_trials("cosgrove2004", "eigenvalue", records),
         *correlation_trials(records, alone),
         *declared_trials("cosgrove2004", "moment", records),
+        *soil_trials(study_recipe(quick, world), folder, track),
     ]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 
@@ -23,7 +23,14 @@ from flgpr.kernels.moments import LEAST_OGK, sample_moments
 from flgpr.model import Lane
 from flgpr.scoring import offset_boxes
 from flgpr.stages.forms import samples_at
-from flgpr.types import AnyArray, Complex128Array, ComplexArray, Float32Array, FloatArray
+from flgpr.types import (
+    AnyArray,
+    Complex128Array,
+    ComplexArray,
+    Entries,
+    Float32Array,
+    FloatArray,
+)
 from flgpr_papers.cosgrove2004.images import Look, lane_looks, lane_seed
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
 
@@ -90,19 +97,28 @@ def one_polarization(recipe: StudyRecipe, looks: Sequence[Look]) -> dict[str, Pe
     peaks: dict[str, Peaks] = {}
     for name in recipe.cut.polarizations:
         cut = recipe.cut.model_copy(update={"polarizations": (name,)})
-        peaks |= _deflection(recipe.model_copy(update={"cut": cut}), looks, alone(name))
+        peaks |= deflection_peaks(recipe.model_copy(update={"cut": cut}), looks, alone(name))
     return peaks
 
 
-def other_bands(recipe: StudyRecipe, site: str, seed: int, share: float) -> dict[str, Peaks]:
-    """Train and score the deflection detector on images of the open lane in several bands."""
+def other_bands(
+    recipe: StudyRecipe,
+    site: str,
+    seed: int,
+    share: float,
+    parts: Mapping[str, Entries] | None = None,
+) -> dict[str, Peaks]:
+    """Train and score the deflection detector on images of the open lane in several bands.
+
+    The parameters are those of :func:`lane_looks`.
+    """
     peaks: dict[str, Peaks] = {}
-    for name, looks in lane_looks(recipe, site, seed, share, recipe.sweeps.bands).items():
-        peaks |= _deflection(recipe, looks, name)
+    for name, looks in lane_looks(recipe, site, seed, share, recipe.sweeps.bands, parts).items():
+        peaks |= deflection_peaks(recipe, looks, name)
     return peaks
 
 
-def _deflection(recipe: StudyRecipe, looks: Sequence[Look], name: str) -> dict[str, Peaks]:
+def deflection_peaks(recipe: StudyRecipe, looks: Sequence[Look], name: str) -> dict[str, Peaks]:
     """Train the deflection detector on the training looks and score it, by name, on the others."""
     training = learn(recipe, [look for look in looks if look.trains])
     detector = DeflectionDetector(recipe.detector.rank, recipe.detector.ddof).fit(training.white)

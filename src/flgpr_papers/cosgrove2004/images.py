@@ -94,7 +94,12 @@ def tone_weight(recipe: StudyRecipe, sensor: Sensor) -> FloatArray:
 
 
 def lane_looks(
-    recipe: StudyRecipe, name: str, seed: int, share: float = 1.0, bands: Bands | None = None
+    recipe: StudyRecipe,
+    name: str,
+    seed: int,
+    share: float = 1.0,
+    bands: Bands | None = None,
+    parts: Mapping[str, Entries] | None = None,
 ) -> dict[str, list[Look]]:
     """Simulate a lane from both directions and image every mine at the study's range.
 
@@ -114,6 +119,8 @@ def lane_looks(
         Share of the mines that are laid.
     bands : mapping of str to tuple of float, optional
         Bands, Hz, in which the open lane is imaged from tones that span them all.
+    parts : mapping of str to dict, optional
+        Entries of the scene's tables that are replaced, ``{"soil": {"loss_tangent": 0.1}}``.
 
     Returns
     -------
@@ -127,6 +134,7 @@ def lane_looks(
         recipe = recipe.model_copy(update={"radar": radar})
     number = lane_seed(recipe, name, seed)
     scene, trains, depths = lane_scene(recipe, recipe.sites[name], number, share)
+    scene = changed(scene, targets=None, **(parts or {}))
     out = _direction(recipe, scene, number, False, list(zip(depths, trains, strict=True)), bands)
     # Driven back, the mines come in the opposite order.
     mines = list(zip(depths[::-1], trains[::-1], strict=True))
