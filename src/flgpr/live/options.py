@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,7 +22,7 @@ from flgpr.live.sockets import check_unix_sockets
 from flgpr.model.vehicle import Vehicle
 from flgpr.types import PathLike
 
-_MOST_LATENCIES = 10_000  # of which percentiles are reported
+_MOST_LATENCIES = 10_000  # latest ones, of which percentiles are reported
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,7 @@ class Pace:
     def __init__(self) -> None:
         self.frames = 0
         self._first = self._last = math.nan  # when they were taken, s since 1970
-        self._latency: list[float] = []
+        self._latency: deque[float] = deque(maxlen=_MOST_LATENCIES)
 
     def take_frame(self) -> None:
         """Count a frame that was taken now."""
@@ -114,14 +115,14 @@ class Pace:
 
     def took(self, latency: float) -> None:
         """Keep the time from the arrival of a scan to its alarms, s."""
-        self._latency = [*self._latency[-_MOST_LATENCIES:], latency]
+        self._latency.append(latency)
 
     def report(self, counts: dict[str, int], alarms: int) -> LiveReport:
         """Return how the run went, with its counts and the number of its alarms."""
         rate = math.nan
         if self.frames >= 2:
             rate = (self.frames - 1) / (self._last - self._first)
-        return LiveReport(counts, latency_percentiles(self._latency), alarms, rate)
+        return LiveReport(counts, latency_percentiles(list(self._latency)), alarms, rate)
 
 
 def latency_percentiles(latency: list[float]) -> Latencies:
