@@ -168,13 +168,30 @@ def numbers(version):
     return [int(part) for part in re.findall(r"\d+", version)]
 
 
-@pytest.fixture(scope="module")
-def release():
-    """The script of a release, as a module."""
-    spec = importlib.util.spec_from_file_location("release", ROOT / ".ci" / "release.py")
+def script(name):
+    """A script of .ci, as a module."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / ".ci" / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+def test_a_library_is_newer_if_its_version_is_not_the_one_that_is_tested():
+    module = script("newer")
+    versions = {"typing-extensions": "4.16.0", "numpy": "2.4.6", "torch": "9.9"}
+    module.version = versions.__getitem__
+    needed = ["typing-extensions>=4.12", "numpy>=2.1", 'torch>=2.5; extra == "network"']
+    assert list(module.newer(needed, "numpy==2.4.6\ntyping_extensions==4.16.0\n")) == []
+    assert list(module.newer(needed, "numpy==2.4.5\ntyping_extensions==4.16.0\n")) == [
+        "numpy==2.4.6"
+    ]
+    assert list(module.newer(needed, "")) == ["typing-extensions==4.16.0", "numpy==2.4.6"]
+
+
+@pytest.fixture(scope="module")
+def release():
+    """The script of a release, as a module."""
+    return script("release")
 
 
 CHANGELOG = """# Changelog
