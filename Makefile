@@ -82,7 +82,7 @@ NOT_VERSIONS := method/test_goldens.py recipe/test_recipe_for_run.py recipe/test
     exchange/test_fuzz_exchange.py exchange/test_gpr_notes_property.py exchange/test_notes_property.py \
     live/test_live_fuzz.py live/test_live_machines.py live/test_live_positions.py live/test_senders.py \
     scoring/test_bootstrap.py papers/test_kit_boxes.py scoring/test_chance_level.py scoring/test_comparison.py \
-    scoring/test_lane_roc.py store/test_store_machines.py trials/test_planning.py
+    scoring/test_lane_roc.py stages/test_earlier_runs.py store/test_store_machines.py trials/test_planning.py
 
 # $(1): folder of the environment; $(2): its Python; $(3): options of uv, which unlike pip can choose the oldest versions
 define install_versions

@@ -1,5 +1,7 @@
 """A small lane of point scatterers for live detection, and a recipe that fits it."""
 
+import functools
+
 import numpy as np
 
 import small_lane
@@ -16,6 +18,11 @@ def small_recipe():
 
 
 def make_lane_run(seed=12, scans=SCANS):
+    return _made(seed, scans).copy(deep=True)
+
+
+@functools.cache
+def _made(seed, scans):
     rng = np.random.default_rng(seed)
     frequency = np.arange(0.75e9, 1.86e9, 1.5e7)
     pose = small_lane.course(rng, STEP * np.arange(scans) - 1.0, 0.03)

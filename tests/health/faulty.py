@@ -32,12 +32,14 @@ def make_drive(seed=1, scans=SCANS):
     signal = np.zeros((scans, 2, PAIRS, TONES), complex)
     for k, one in enumerate(pose):
         local = lane_to_scan(places, one)
+        ahead = (local[:, 1] > 1) & (local[:, 1] < 9)
+        seen = local[ahead]
         ways = [
-            np.linalg.norm(local - vehicle_to_scan(of, one)[:, None], axis=-1) for of in (TX, RX)
+            np.linalg.norm(seen - vehicle_to_scan(of, one)[:, None], axis=-1) for of in (TX, RX)
         ]
-        ahead = ((local[:, 1] > 1) & (local[:, 1] < 9)) / (ways[0] * ways[1])
         phase = np.exp(-2j * np.pi * FREQUENCY * (ways[0] + ways[1])[..., None] / SPEED_OF_LIGHT)
-        signal[k] = ((ahead[:, None] * matrix.T) @ phase).swapaxes(0, 1)
+        strength = matrix[ahead].T / (ways[0] * ways[1])[:, None]
+        signal[k] = (strength @ phase).swapaxes(0, 1)
     signal /= np.sqrt(np.mean(np.abs(signal) ** 2))
     return run_of(signal + leak + 0.1 * noise(rng, *signal.shape), pose)
 
