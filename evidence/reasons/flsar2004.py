@@ -18,6 +18,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 import flgpr
+from flgpr.detect import OneClassRelevanceVectorMachine
 from flgpr.features import mean_template, principal_templates
 from flgpr.progress import Track, silent
 from flgpr_papers.flsar2004.examples import (
@@ -46,9 +47,10 @@ from flgpr_papers.flsar2004.findings import (
     spread_of_folds,
     thin_examples,
 )
-from flgpr_papers.flsar2004.lanes import Settings, drive, load_settings
+from flgpr_papers.flsar2004.lanes import Classify, Settings, drive, load_settings
 from flgpr_papers.flsar2004.machines import (
     NOVELTY_RIVALS,
+    Classifier,
     HeldOut,
     across,
     held_out,
@@ -71,6 +73,10 @@ RELEVANCE: Bounds = (0.07, 0.21)
 """Share of relevance vectors by the study's rule: within half of the paper's 14 %."""
 SPARSER: Bounds = (0.2, 0.62)
 """Relevance over support vectors, by the study's rule."""
+SLIGHTLY: Bounds = (0.0, 0.15)
+"""Loss of mean Pd that is slight, by the study's rule."""
+LIKE: Bounds = (-0.1, 0.1)
+"""Difference of mean Pd of detectors that are alike, by the study's rule."""
 CARRIES: Bounds = (0.5, 1.0)
 """Mean Pd of training that carries over, by the study's rule."""
 WIDTHS = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
@@ -444,6 +450,101 @@ def _vector_trials(
     return trial_list
 
 
+def novelty_trials(material: Material) -> list[Trial]:
+    """Return trials of why novelty detectors are far below the binary machine (par. 53 and 55).
+
+    Added when twelve repeats of the study had told so, before these ran.
+
+    Parameters
+    ----------
+    material : Material
+        Both sites.
+    """
+    options = material.settings.classify
+    arid, temperate = material.sites
+    trial_list: list[Trial] = []
+    for kind in ("metal", "plastic"):
+        statement = f"novelty detector slightly worse, {kind}"
+        examples = {
+            variant: _buried(material, temperate, temperate, variant, kind, depths=(-1.0, 1.0))
+            for variant in (MAIN, COMPLEX)
+        }
+        quantity = "mean Pd up to 0.07 per m², temperate: binary less one-class RVM"
+        question = Question(statement, quantity, f"{_mines_of(examples[MAIN])} mines")
+        binary = {
+            variant: leave_one_out(of_variant, rvm(options), options.folds)
+            for variant, of_variant in examples.items()
+        }
+        measure = material.measure(examples[MAIN])
+        for changed, explanation, machine, variant in _novelty_cases(options, examples[MAIN]):
+            novel = leave_one_out(examples[variant], machine, options.folds, novelty=True)
+            gap = measure.difference(binary[variant], novel)
+            trial_list.append(question.asked(explanation, changed, gap, SLIGHTLY))
+    statement = "binary classifier like the novelty detector at the other site, plastic"
+    train, test = [_buried(material, site, arid, MAIN) for site in (arid, temperate)]
+    quantity = "mean Pd up to 0.07 per m², trained at the arid site: binary less one-class RVM"
+    question = Question(statement, quantity, f"{_mines_of(test)} mines")
+    binary_score = across(train, test, rvm(options))
+    measure = material.measure(test)
+    for changed, explanation, machine, variant in _novelty_cases(options, test):
+        if variant == MAIN:
+            gap = measure.difference(binary_score, across(train, test, machine))
+            trial_list.append(question.asked(explanation, changed, gap, LIKE))
+    return trial_list
+
+
+def _mines_of(examples: Examples) -> int:
+    """Return the number of mines that examples show."""
+    return len(np.unique(examples.names(examples.is_mine)))
+
+
+def _novelty_cases(
+    options: Classify, examples: Examples
+) -> list[tuple[str, str, Classifier, Variant]]:
+    """Return what is changed, the explanation, the novelty detector and the kind of template."""
+    better = "a mine with more of the features than those of training is taken for novel"
+    poor = "the width of its kernel, by the median distance of mines, is a poor one"
+    lost = "magnitudes lose what tells mines from clutter"
+    own = one_class(options)
+    features = examples.X.shape[1]
+    cases = [
+        ("nothing", "", own, MAIN),
+        ("complex templates", lost, own, COMPLEX),
+        (
+            "features above the mean of the training mines count as the mean",
+            better,
+            _capped(own),
+            MAIN,
+        ),
+    ]
+    for width in WIDTHS:
+        narrow = partial(_novelty_of_width, options, width / features)
+        why = poor if width == NARROWEST else ""
+        cases.append((f"kernel of γ = {width:g} over the number of features", why, narrow, MAIN))
+    return cases
+
+
+def _capped(classifier: Classifier) -> Classifier:
+    """Return a novelty detector for which no feature can be larger than the training mines' mean."""
+
+    def fit(X: FloatArray, y: NDArray[np.bool_]) -> tuple[Any, float]:
+        most = X[y].mean(axis=0)
+        scorer, share = classifier(np.minimum(X, most), y)
+        return lambda new: scorer(np.minimum(new, most)), share
+
+    return fit
+
+
+def _novelty_of_width(
+    options: Classify, gamma: float, X: FloatArray, y: NDArray[np.bool_]
+) -> tuple[Any, float]:
+    """Train the study's novelty detector with a kernel of another width."""
+    machine = OneClassRelevanceVectorMachine(
+        gamma=gamma, prior="laplacian-map", p0=options.p0, random_state=0
+    ).fit(X[y])
+    return machine.score_samples, len(machine.relevance_) / int(y.sum())
+
+
 def between_site_trials(material: Material) -> list[Trial]:
     """Return trials of why training at the arid site finds no plastic mines at the temperate one.
 
@@ -505,12 +606,20 @@ def _between_trials(material: Material, variant: Variant) -> list[Trial]:
 
 
 def _buried(
-    material: Material, site: Site, template_site: Site, variant: Variant, kind: str = "plastic"
+    material: Material,
+    site: Site,
+    template_site: Site,
+    variant: Variant,
+    kind: str = "plastic",
+    depths: Bounds = (SURFACE, 1.0),
 ) -> Examples:
-    """Return the buried mines of a kind at a site, and its clutter, by the templates of a site."""
+    """Return the mines of a kind at a site, buried ones by default, and its clutter.
+
+    Their features are by the templates of a site.
+    """
     templates = make_templates(material.settings, template_site, variant)
     examples = open_examples(material.settings, site, templates, variant.magnitude)
-    return pick_examples(examples, (kind,), (SURFACE, 1.0))
+    return pick_examples(examples, (kind,), depths)
 
 
 def _name_of(variant: Variant) -> str:
@@ -524,5 +633,6 @@ EXPERIMENTS: dict[str, Callable[[Material], list[Trial]]] = {
     "second-prescreener": prescreener_trials,
     "sparsity": sparsity_trials,
     "between-sites": between_site_trials,
+    "novelty": novelty_trials,
 }
 """The experiments by the names of the files in which they are stored."""

@@ -3,13 +3,15 @@
 import csv
 import math
 from dataclasses import replace
+from unittest.mock import MagicMock
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from flgpr.model import Grid, Lane
-from flgpr_papers.flsar2004 import examples
+from flgpr_papers.flsar2004 import examples, machines
+from flgpr_papers.flsar2004.findings import Measure
 from flgpr_papers.flsar2004.lanes import load_settings
 from flgpr_papers.kit.findings import measured, write_findings
 from reasons import __main__ as script
@@ -254,3 +256,62 @@ def test_the_script_writes_the_table_of_a_paper(tmp_path, monkeypatch, capsys):
         script.main([str(tmp_path), "--paper", "none"])
     assert refused.value.code == 2
     assert "choose from 'cosgrove2004', 'flsar2004'" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def mines():
+    """Mines of two features, and one that has more of both than any of them."""
+    rng = np.random.default_rng(3)
+    X = rng.normal(0.6, 0.1, (30, 2))
+    return np.vstack([X, [[0.9, 0.95]]]), np.r_[np.ones(30, bool), False]
+
+
+def test_a_mine_that_is_better_than_those_of_training_is_no_novelty_with_capped_features(mines):
+    X, y = mines
+    options = load_settings(quick=True).classify
+    own = flsar2004.one_class(options)
+    typical = X[y].mean(axis=0, keepdims=True)
+    for machine, holds in ((own, False), (flsar2004._capped(own), True)):
+        scorer, share = machine(X, y)
+        assert (scorer(X[~y])[0] >= scorer(typical)[0] - 1e-9) is np.bool_(holds)
+        assert 0 < share <= 1
+
+
+def test_a_novelty_detector_of_the_study_s_width_is_the_study_s(mines):
+    X, y = mines
+    options = load_settings(quick=True).classify
+    width = machines.median_width(X[y])
+    scorer, share = flsar2004._novelty_of_width(options, width, X, y)
+    known, known_share = flsar2004.one_class(options)(X, y)
+    assert np.allclose(scorer(X), known(X))
+    assert share == known_share
+    other, _ = flsar2004._novelty_of_width(options, 30 * width, X, y)
+    assert not np.allclose(other(X), known(X), rtol=0.05)
+
+
+def test_each_novelty_detector_is_held_against_the_binary_machine(mines, monkeypatch):
+    rng = np.random.default_rng(5)
+    settings = load_settings(quick=True)
+    table = pd.DataFrame(
+        {
+            "kind": ["metal"] * 8 + ["clutter"] * 40,
+            "target": [f"M{k // 2}" for k in range(8)] + [""] * 40,
+        }
+    )
+    X = np.vstack([rng.normal(1.0, 0.2, (8, 3)), rng.normal(0.0, 0.2, (40, 3))])
+    made = machines.Examples(table, X)
+    monkeypatch.setattr(flsar2004, "_buried", lambda *_, **__: made)
+    monkeypatch.setattr(flsar2004, "WIDTHS", (3.0,))
+    material = MagicMock(settings=settings, sites=[MagicMock(), MagicMock()])
+    material.measure.return_value = Measure(400.0, draws=50)
+    trials = flsar2004.novelty_trials(material)
+    assert [one.changed for one in trials[:4]] == [
+        "nothing",
+        "complex templates",
+        "features above the mean of the training mines count as the mean",
+        "kernel of γ = 3 over the number of features",
+    ]
+    assert len(trials) == 2 * 4 + 3
+    # Mines far from all clutter are found by both.
+    assert {one.outcome for one in trials if one.explanation} == {"holds"}
+    assert {one.sample for one in trials} == {"4 mines"}
