@@ -38,7 +38,8 @@ from flgpr_papers.wang2007.lanes import LaneScenes, calibration_scenes, quick_sc
 from flgpr_papers.wang2007.study import lane_result
 from reasons.trials import Trial, declared_trials
 
-REPEATS = (17, 18, 19, 20)
+Record = dict[str, float]
+REPEATS = (18, 19, 20)
 """Numbers of the repeats, as of ``evidence/replicates.py``."""
 RADARS: dict[str, dict[str, float]] = {
     "nothing": {},
@@ -75,7 +76,7 @@ def calibration_trials(folder: Path, quick: bool, world: str, track: Track) -> l
     """
     repeats = REPEATS[:2] if quick else REPEATS
     jobs = [(name, repeat) for name in RADARS for repeat in repeats]
-    records: dict[str, list[Mapping[str, float]]] = {}
+    records: dict[str, list[Record]] = {}
     for name, repeat in track(jobs, "calibration lanes", len(jobs)):
         scenes = calibration_scenes(world, repeat)
         if quick:
@@ -86,7 +87,18 @@ def calibration_trials(folder: Path, quick: bool, world: str, track: Track) -> l
         work = path.with_suffix(".lanes")
         record = read_or_make(path, partial(calibration_record, work, scenes, changed_radar(name)))
         records.setdefault(name, []).append(record)
-    return declared_trials("wang2007", "calibration", records)
+    return declared_trials("wang2007", "calibration", paired(records))
+
+
+def paired(records: Mapping[str, Sequence[Record]]) -> dict[str, list[Record]]:
+    """Add to every record what the change has gained on its lanes: " gained" after the name."""
+    return {
+        name: [
+            record | {f"{number} gained": value - same[number] for number, value in record.items()}
+            for record, same in zip(of_change, records["nothing"], strict=True)
+        ]
+        for name, of_change in records.items()
+    }
 
 
 def changed_radar(name: str) -> Sensor:

@@ -81,7 +81,7 @@ def test_repeats_are_measured_once_and_their_lanes_go(tmp_path, monkeypatch):
     trials = calibration_trials(tmp_path, True, "own", silent)
     assert len(ran) == 2 * len(RADARS) * 3
     assert all(ran.count(one) == 1 for one in ran)
-    assert len([one for one in trials if one.explanation]) == 8
+    assert len([one for one in trials if one.explanation]) == 11
     assert not list((tmp_path / "reasons").glob("*.lanes"))
     ran.clear()
     again = calibration_trials(tmp_path, True, "own", silent)
