@@ -8,7 +8,7 @@ whole study, on lanes of both sites of other seeds, with the study's mines. By d
 
 Every finished replicate stays in DIR/PAPER/replicates as a list of findings, so that an interrupted run resumes.
 Those in evidence/repeats/PAPER ran before and are taken as they are: each takes eight minutes of a processor, of
-flsar2004 fourteen. With ``--minutes`` it begins no replicate after that time. The statements of all together,
+flsar2004 six to fourteen. With ``--minutes`` it begins no replicate after that time. The statements of all together,
 ``findings.json`` there, have the mean over the replicates with Student's interval, its verdict and power, and in how
 many the number by itself shows what the paper says. ``python evidence/verdict_tables.py DIR`` takes them into the
 tables.
