@@ -193,6 +193,19 @@ def test_repeats_of_an_experiment_are_judged_together_and_counted_one_by_one():
     assert over_experiments(equal).ours.startswith("A +0.00 (no interval); B +0.05 (")
 
 
+def test_a_difference_that_is_exactly_nothing_in_twelve_experiments_is_nothing():
+    within = Finding("little", "", "", UNDECIDED, interval=(0.0, -1.0, 1.0), rule=(-0.05, 0.05))
+    some = [0.001 * (k % 3 - 1) for k in range(12)]
+    found = [replace(within, parts=(0.0, v), names=("A", "B")) for v in some]
+    together_ = over_experiments(found)
+    assert together_.ours.startswith("A 0 in every one; B +0.0000 (")
+    assert together_.verdict == AGREES
+    assert together_.power == pytest.approx((1.0, 1.0))
+    assert over_experiments(found[1:]).verdict == UNDECIDED
+    equal = [replace(within, parts=(0.01, v), names=("A", "B")) for v in some]
+    assert over_experiments(equal).verdict == UNDECIDED  # as large in each, but not nothing
+
+
 def test_looks_of_a_seed_count_by_their_design_effect():
     every = np.ones((12, 72))
     one_missed = every.copy()

@@ -41,7 +41,7 @@ import numpy as np
 from scipy.special import bdtrik, ndtr
 
 from flgpr.store import write_whole
-from flgpr.types import Entries
+from flgpr.types import Entries, FloatArray
 from flgpr_papers.kit.intervals import (
     SHARE,
     SHARE_DIFFERENCE,
@@ -65,6 +65,7 @@ NO_VERDICT = "no verdict: a quick run is too small"
 """What stands in place of a verdict in a quick run."""
 WORTH = 0.05
 """Least gain of a share that counts, where a statement declares no other."""
+_ENOUGH = 12  # experiments in which a number is exactly 0, so that no chance makes it so
 _MOST_DECIMALS = 4  # of a number on a page
 _MOST_DIGITS = 3  # significant digits of a number on a page
 
@@ -271,7 +272,10 @@ def over_experiments(experiments: Sequence[Finding]) -> Finding:
         return first
     table = np.array([one.parts or one.interval[:1] for one in experiments if one.interval])
     bounds = first.bounds
-    parts = [students(row, together(len(table.T)), bounds) for row in table.T]
+    level = together(len(table.T))
+    parts = [
+        (0.0, 0.0, 0.0) if _is_nothing(row) else students(row, level, bounds) for row in table.T
+    ]
     texts = [in_words(*part, first.unit) for part in parts]
     answers = _answers(first, first.rule, parts)
     if first.choices:
@@ -287,6 +291,15 @@ def over_experiments(experiments: Sequence[Finding]) -> Finding:
         shown=(shown, len(table)),
         **answers,
     )
+
+
+def _is_nothing(values: FloatArray) -> bool:
+    """Return whether a number is none: exactly 0 in so many experiments that it cannot but be 0.
+
+    Such is the difference of two classifiers of a single feature, which rank alike. A share, whose
+    difference is 0 where both find all, has :func:`paired_shares`.
+    """
+    return len(values) >= _ENOUGH and not values.any()
 
 
 def _by_choice(
@@ -449,6 +462,8 @@ def _signed(interval: Interval) -> str:
     """Format a difference with its interval, all with their signs."""
     if not np.isfinite(interval).all():
         return f"{interval[0]:+z.2f} (no interval)"
+    if not any(interval):
+        return "0 in every one"
     digits = decimals(interval, interval[2] - interval[1])
     value, low, high = (f"{number:+z.{digits}f}" for number in interval)
     return f"{value} ({low} to {high})"
