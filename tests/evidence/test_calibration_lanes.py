@@ -50,8 +50,7 @@ def test_mines_on_the_surface_and_buried_ones_are_told_apart():
     truth = LANES[0].truth
     (first, *_) = np.flatnonzero(truth["depth"] < 0)
     place = dict(x=truth["x"][first], y=truth["y"][first])
-    view[:] = 1.0
-    view.loc[{"subband": "F4"}] = 1 + 0.1 * np.random.default_rng(0).random(view.shape[2:])
+    view[:] = 1 + 0.1 * np.random.default_rng(0).random(view.shape)
     index = {name: int(np.abs(view[name].values - at).argmin()) for name, at in place.items()}
     view[:, 4, index["y"], index["x"]] = 9.0
     [other] = [replace(LANES[0], view=view)]
