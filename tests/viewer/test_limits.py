@@ -343,6 +343,37 @@ def test_messages_of_the_server_are_few_and_the_others_are_counted(monkeypatch):
     ]
 
 
+def test_an_answer_that_takes_without_end_does_not_keep_the_server(serving, capfd):
+    begun, told = threading.Event(), threading.Event()
+
+    def without_end(*_):
+        begun.set()
+        told.wait(60)
+        return Response()
+
+    limits = replace(SHORT, ending=1)
+    viewer = type("Endless", (Viewer,), {"limits": limits, "_session": without_end})([RUN])
+    try:
+        with serving(viewer), connect(viewer, request(viewer, path="data/session.json")):
+            assert begun.wait(10)
+        # It has ended: the thread that served it is waited for.
+        assert viewer._socket.fileno() == -1
+        assert not told.is_set()
+    finally:
+        told.set()
+    [one] = capfd.readouterr().err.splitlines()
+    assert "Cancel 1 running task" in one
+
+
+def test_a_connection_that_is_accepted_while_the_server_ends_is_ended(serving):
+    viewer = limited(PATIENT)
+    with serving(viewer):
+        assert page(viewer)[0] == 200
+        viewer._server.config.is_ending = True
+        with connect(viewer) as late:
+            assert ends(late) == b""
+
+
 def test_requests_that_are_none_do_not_fill_the_log(serving, capfd):
     with serving([RUN]) as viewer:
         for _ in range(100):

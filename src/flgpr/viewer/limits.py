@@ -36,6 +36,7 @@ class Limits:
     header: float = 5.0  #: from connection or last answer to the end of a request's header
     body: float = 10.0  #: from there to the end of its body
     unread: float = 10.0  #: for a client to take 64 KiB of an answer, or the rest of it
+    ending: int = 20  #: for answers that are computed when the server ends
 
 
 class LimitedProtocol(H11Protocol):
@@ -49,14 +50,23 @@ class LimitedProtocol(H11Protocol):
     def __init__(self, config: LimitedConfig, *args: Any, **options: Any) -> None:
         super().__init__(config, *args, **options)
         self.limits = config.limits
+        self._config = config
         self.step: RequestStage | None = None
         self.since = time.monotonic()
         self._step_of: Any = None
         self._deadline: asyncio.TimerHandle | None = None
 
+    @property
+    def server_is_ending(self) -> bool:
+        """Whether the server ends, and takes no more requests."""
+        return self._config.is_ending
+
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Begin to wait for a header; make room if there are too many connections."""
         super().connection_made(transport)
+        if self.server_is_ending:  # it was accepted before the server stopped to listen
+            transport.abort()
+            return
         transport.set_write_buffer_limits(high=0)  # any byte that is not taken pauses writing
         if len(self.connections) > self.limits.connections and not self._make_room():
             self.connections.discard(self)
@@ -157,6 +167,7 @@ class LimitedConfig(uvicorn.Config):
 
     def __init__(self, app: Any, limits: Limits) -> None:
         self.limits = limits
+        self.is_ending = False
         super().__init__(
             app,
             http=LimitedProtocol,
@@ -167,6 +178,7 @@ class LimitedConfig(uvicorn.Config):
             server_header=False,
             backlog=_BACKLOG,
             timeout_keep_alive=max(round(limits.header), 1),
+            timeout_graceful_shutdown=limits.ending,
         )
         logging.getLogger("uvicorn.error").addFilter(_FEW_RECORDS)
 
@@ -174,6 +186,7 @@ class LimitedConfig(uvicorn.Config):
 class LimitedServer(uvicorn.Server):
     """A server that ends on request, and reports once that the system opens no more connections."""
 
+    config: LimitedConfig
     _scarcity_reported = False
 
     async def startup(self, sockets: Any = None) -> None:
@@ -182,7 +195,8 @@ class LimitedServer(uvicorn.Server):
         await super().startup(sockets)
 
     async def shutdown(self, sockets: Any = None) -> None:
-        """End, after the answers that are being computed."""
+        """End, after the answers that are being computed, or without those that take too long."""
+        self.config.is_ending = True
         for connection in list(self.server_state.connections):
             if isinstance(connection, LimitedProtocol) and connection.step is not None:
                 connection.transport.abort()
@@ -220,7 +234,9 @@ class FewRecords(logging.Filter):
         self._left_out = 0
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Return whether a record is written."""
+        """Return whether a record is written: not that of an answer which the server's end cut."""
+        if record.exc_info and isinstance(record.exc_info[1], asyncio.CancelledError):
+            return False
         with self._lock:
             now = time.monotonic()
             if now - self._begun >= self._period:
