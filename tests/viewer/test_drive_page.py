@@ -704,6 +704,7 @@ def test_a_drive_at_the_speed_of_a_vehicle_with_faults(tmp_path, serving, watch)
         kwargs={"faults": faults},
     )
     seen = []
+    when = []
     with serving([], live=tmp_path / "out") as viewer:
         page = watch(viewer)
         assert page.page.evaluate(SEEN)["state-words"] in ("", "Waiting")
@@ -713,6 +714,7 @@ def test_a_drive_at_the_speed_of_a_vehicle_with_faults(tmp_path, serving, watch)
         try:
             for _ in range(1200):
                 seen.append(page.page.evaluate(SEEN))
+                when.append(time.monotonic())
                 if seen[-1]["state-words"] == "Run ended":
                     break
                 page.page.wait_for_timeout(40)
@@ -720,6 +722,7 @@ def test_a_drive_at_the_speed_of_a_vehicle_with_faults(tmp_path, serving, watch)
             live.stop()
             for thread in (radar, detection):
                 thread.join(30)
+        latency = json.loads((tmp_path / "out" / "live.json").read_text())["latency_ms"]["largest"]
         faults = page.page.text_content("#live-faults")
         page.close()
     end = seen[-1]
@@ -728,9 +731,10 @@ def test_a_drive_at_the_speed_of_a_vehicle_with_faults(tmp_path, serving, watch)
         faults == "Scans: 1 out of order, 3 duplicate, 2 with missing sweeps, 8 missing"
     )  # the late one came in time
     driven = [one for one in seen if not one["state-words"]]
-    # A lane full of alarms. Where updates come late, a word may be over before it is seen.
+    # A lane full of alarms. Where updates come late, as on a busy machine, a word is over before it is seen.
     assert "stop" in {one["word"] for one in driven}
-    assert {"slow", "brake"} & {one["word"] for one in driven}
+    late = max(np.diff(when).max(), latency / 1000) > 0.25  # s; a metre of road
+    assert late or {"slow", "brake"} & {one["word"] for one in driven}
     for one in driven:
         if one["word"] == "clear":
             assert one["drive-where"].startswith("no alarm")
