@@ -56,15 +56,10 @@ class LimitedProtocol(H11Protocol):
         self._step_of: Any = None
         self._deadline: asyncio.TimerHandle | None = None
 
-    @property
-    def server_is_ending(self) -> bool:
-        """Whether the server ends, and takes no more requests."""
-        return self._config.is_ending
-
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Begin to wait for a header; make room if there are too many connections."""
         super().connection_made(transport)
-        if self.server_is_ending:  # it was accepted before the server stopped to listen
+        if self._config.is_ending:  # it was accepted before the server stopped to listen
             transport.abort()
             return
         transport.set_write_buffer_limits(high=0)  # any byte that is not taken pauses writing
