@@ -19,18 +19,14 @@ import flgpr
 from flgpr.model import Sensor
 from flgpr.progress import Track, silent
 from flgpr.recipe.schema import parse_recipe
-from flgpr.scoring import Match
-from flgpr.scoring.curve import held_pd_mean
-from flgpr.scoring.lane_roc import roc_of
-from flgpr.scoring.matching import Subset
 from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.settings import packaged_text
 from flgpr_papers.wang2007.analysis import (
-    AREA,
     MINES,
     POLARIZATIONS,
     LaneResult,
     Pool,
+    Rescorer,
     all_forty,
     prescreened,
 )
@@ -139,22 +135,16 @@ def prescreener_numbers(results: Sequence[LaneResult], recipe: Any) -> dict[str,
     recipe : Recipe
         Recipe of the study.
     """
-    record = {
-        "16 m": _pd_mean(prescreened(results, "HH", "F1", recipe), MINES),
-        "26 m": _pd_mean(prescreened(results, "HH", "wide", recipe), MINES),
-        "other level": float(np.mean([_other_level(result) for result in results])),
-    }
+    record = {"other level": float(np.mean([_other_level(result) for result in results]))}
+    for reach, view in {"16 m": "F1", "26 m": "wide"}.items():
+        match = prescreened(results, "HH", view, recipe)
+        record[reach] = Rescorer(match, MINES)(match.confidence)
     for polarization in POLARIZATIONS:
         for band in ("F3", "F4"):
             match = prescreened(results, polarization, band, recipe)
             for where, subset in {"buried": _BURIED, "surface": _ON_SURFACE}.items():
-                record[f"{polarization} {band} {where}"] = _pd_mean(match, subset)
+                record[f"{polarization} {band} {where}"] = Rescorer(match, subset)(match.confidence)
     return record
-
-
-def _pd_mean(match: Match, subset: Subset) -> float:
-    """Return PD_mean of some targets."""
-    return held_pd_mean(roc_of(match, subset, area=AREA))
 
 
 def _other_level(result: LaneResult) -> float:

@@ -18,7 +18,6 @@ import pandas as pd
 from numpy.typing import NDArray
 
 import flgpr
-from flgpr.detect import OneClassRelevanceVectorMachine
 from flgpr.features import mean_template, principal_templates
 from flgpr.progress import Track, silent
 from flgpr_papers.flsar2004.examples import (
@@ -470,11 +469,11 @@ def novelty_trials(material: Material) -> list[Trial]:
             for variant in (MAIN, COMPLEX)
         }
         quantity = "mean Pd up to 0.07 per m², temperate: binary less one-class RVM"
-        question = Question(statement, quantity, f"{_mines_of(examples[MAIN])} mines")
         binary = {
             variant: leave_one_out(of_variant, rvm(options), options.folds)
             for variant, of_variant in examples.items()
         }
+        question = Question(statement, quantity, f"{len(np.unique(binary[MAIN].target))} mines")
         measure = material.measure(examples[MAIN])
         for changed, explanation, machine, variant in _novelty_cases(options, examples[MAIN]):
             novel = leave_one_out(examples[variant], machine, options.folds, novelty=True)
@@ -483,19 +482,14 @@ def novelty_trials(material: Material) -> list[Trial]:
     statement = "binary classifier like the novelty detector at the other site, plastic"
     train, test = [_buried(material, site, arid, MAIN) for site in (arid, temperate)]
     quantity = "mean Pd up to 0.07 per m², trained at the arid site: binary less one-class RVM"
-    question = Question(statement, quantity, f"{_mines_of(test)} mines")
     binary_score = across(train, test, rvm(options))
+    question = Question(statement, quantity, f"{len(np.unique(binary_score.target))} mines")
     measure = material.measure(test)
     for changed, explanation, machine, variant in _novelty_cases(options, test):
         if variant == MAIN:
             gap = measure.difference(binary_score, across(train, test, machine))
             trial_list.append(question.asked(explanation, changed, gap, LIKE))
     return trial_list
-
-
-def _mines_of(examples: Examples) -> int:
-    """Return the number of mines that examples show."""
-    return len(np.unique(examples.names(examples.is_mine)))
 
 
 def _novelty_cases(
@@ -518,7 +512,7 @@ def _novelty_cases(
         ),
     ]
     for width in WIDTHS:
-        narrow = partial(_novelty_of_width, options, width / features)
+        narrow = one_class(options, gamma=width / features)
         why = poor if width == NARROWEST else ""
         cases.append((f"kernel of γ = {width:g} over the number of features", why, narrow, MAIN))
     return cases
@@ -533,16 +527,6 @@ def _capped(classifier: Classifier) -> Classifier:
         return lambda new: scorer(np.minimum(new, most)), share
 
     return fit
-
-
-def _novelty_of_width(
-    options: Classify, gamma: float, X: FloatArray, y: NDArray[np.bool_]
-) -> tuple[Any, float]:
-    """Train the study's novelty detector with a kernel of another width."""
-    machine = OneClassRelevanceVectorMachine(
-        gamma=gamma, prior="laplacian-map", p0=options.p0, random_state=0
-    ).fit(X[y])
-    return machine.score_samples, len(machine.relevance_) / int(y.sum())
 
 
 def between_site_trials(material: Material) -> list[Trial]:

@@ -281,11 +281,11 @@ def test_a_novelty_detector_of_the_study_s_width_is_the_study_s(mines):
     X, y = mines
     options = load_settings(quick=True).classify
     width = machines.median_width(X[y])
-    scorer, share = flsar2004._novelty_of_width(options, width, X, y)
+    scorer, share = flsar2004.one_class(options, gamma=width)(X, y)
     known, known_share = flsar2004.one_class(options)(X, y)
     assert np.allclose(scorer(X), known(X))
     assert share == known_share
-    other, _ = flsar2004._novelty_of_width(options, 30 * width, X, y)
+    other, _ = flsar2004.one_class(options, gamma=30 * width)(X, y)
     assert not np.allclose(other(X), known(X), rtol=0.05)
 
 

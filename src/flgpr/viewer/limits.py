@@ -47,10 +47,11 @@ class LimitedProtocol(H11Protocol):
     first byte came.
     """
 
+    config: LimitedConfig
+
     def __init__(self, config: LimitedConfig, *args: Any, **options: Any) -> None:
         super().__init__(config, *args, **options)
         self.limits = config.limits
-        self._config = config
         self.step: RequestStage | None = None
         self.since = time.monotonic()
         self._step_of: Any = None
@@ -59,7 +60,7 @@ class LimitedProtocol(H11Protocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Begin to wait for a header; make room if there are too many connections."""
         super().connection_made(transport)
-        if self._config.is_ending:  # it was accepted before the server stopped to listen
+        if self.config.is_ending:  # it was accepted before the server stopped to listen
             transport.abort()
             return
         transport.set_write_buffer_limits(high=0)  # any byte that is not taken pauses writing

@@ -221,10 +221,10 @@ def median_width(mines: FloatArray) -> float:
     return float(1 / np.median(pdist(StandardScaler().fit_transform(mines), "sqeuclidean")))
 
 
-def one_class(settings: Classify, kind: str = NOVELTY_RIVALS[0]) -> Classifier:
+def one_class(
+    settings: Classify, kind: str = NOVELTY_RIVALS[0], gamma: float | None = None
+) -> Classifier:
     """Return a novelty detector for the training mines alone.
-
-    Its width is that of :func:`median_width`.
 
     Parameters
     ----------
@@ -232,6 +232,8 @@ def one_class(settings: Classify, kind: str = NOVELTY_RIVALS[0]) -> Classifier:
         Its ``p0``.
     kind : str
         One of ``NOVELTY_RIVALS``.
+    gamma : float, optional
+        γ of its kernel, if it has one; by default that of :func:`median_width`.
 
     Raises
     ------
@@ -245,10 +247,11 @@ def one_class(settings: Classify, kind: str = NOVELTY_RIVALS[0]) -> Classifier:
         mines = X[y]
         if kind == "gmm":
             return GaussianMixtureNovelty(random_state=0).fit(mines).score_samples, 1.0
+        width = median_width(mines) if gamma is None else gamma
         if kind == "svm":
-            return _train(partial(OneClassSVM, nu=0.1, gamma=median_width(mines)), mines)
+            return _train(partial(OneClassSVM, nu=0.1, gamma=width), mines)
         machine = OneClassRelevanceVectorMachine(
-            gamma=median_width(mines),
+            gamma=width,
             prior="laplacian-map",
             p0=settings.p0,
             formulation=cast("Any", kind.removeprefix("rvm, ")),
