@@ -25,6 +25,8 @@ from flgpr.calibrate.reflector import estimate_distortion as estimate_distortion
 from flgpr.calibrate.reflector import estimate_pairs as estimate_pairs
 from flgpr.calibrate.reflector import remove_distortion as remove_distortion
 from flgpr.calibrate.reflector import scattering_matrices as scattering_matrices
+from flgpr.calibrate.track_focus import PoseFit as PoseFit
+from flgpr.calibrate.track_focus import focus_poses as focus_poses
 from flgpr.calibrate.vna import divide_by_through as divide_by_through
 from flgpr.calibrate.vna import remove_delay as remove_delay
 from flgpr.calibrate.vna import subtract_standard as subtract_standard

@@ -114,6 +114,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "calibrate range-bias": calibrate.calibrate_range_bias,
     "calibrate joint": calibrate.calibrate_joint,
     "calibrate permittivity": calibrate.calibrate_permittivity,
+    "calibrate poses": calibrate.calibrate_poses,
     "import fullwave": imports.import_fullwave,
     "import mapped": imports.import_mapped,
     "import table": imports.import_table,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
@@ -13,7 +14,7 @@ from flgpr.commands.options import ANCHOR, OUTPUT, Limits, PathLike, Progress, R
 from flgpr.commands.shell import Arguments, command, written
 
 if TYPE_CHECKING:
-    from flgpr.calibrate import BiasFit, ClockFit, GroundFit
+    from flgpr.calibrate import BiasFit, ClockFit, GroundFit, PoseFit
     from flgpr.types import Entries
 
 NewRun = Annotated[PathLike | None, OUTPUT.option("calibrated run store")]
@@ -272,6 +273,112 @@ def calibrate_joint(
         tolerance,
     )
     calibration.finish(fit, output, track_table)
+    return fit
+
+
+def _pose_lines(fit: PoseFit, call: Arguments) -> Iterator[Any]:
+    """Yield how wrong the poses were, what that costs, how well they are known, and the store."""
+    yield (
+        f"along the line of sight a scan's pose was off by {1e3 * fit.before:.1f} mm against its "
+        f"neighbours', now by {1e3 * fit.after:.1f} mm (standard deviations)"
+    )
+    low, high = fit.band
+    loss_before, loss = _losses(fit)
+    yield (
+        f"so a sum over many scans from {low / 1e9:.3g} to {high / 1e9:.3g} GHz loses {loss:.1f} dB in "
+        f"place of {loss_before:.1f} dB"
+    )
+    yield f"{fit.alike} of {fit.pairs} pairs of scans see the ground alike"
+    if fit.alone:
+        yield f"{fit.alone} scans are in none of these: only the navigation tells their poses"
+    across, along, up = 1e3 * fit.deviation
+    yield (
+        f"positions are known to {across:.0f} mm across, {along:.0f} mm along and {up:.0f} mm up, with "
+        f"errors of the navigation of {1e3 * fit.position:.0f} mm assumed; what all scans have in common "
+        "is the navigation's, heading, pitch and roll stay as they were"
+    )
+    yield from written(fit, call)
+    if call.output is not None:
+        yield table_of_poses(call.output)
+
+
+def table_of_poses(store: PathLike) -> Path:
+    """Return the file that tells by how much each pose of a new run was moved."""
+    return Path(store).with_name(f"{Path(store).stem}-poses.csv")
+
+
+def _losses(fit: PoseFit) -> tuple[float, float]:
+    """Return what a sum over many scans loses by the errors before and now, dB."""
+    import numpy as np
+
+    from flgpr.clutter import coherent_loss_db
+
+    before, now = coherent_loss_db([fit.before, fit.after], np.linspace(*fit.band)).tolist()
+    return before, now
+
+
+def _pose_json(fit: PoseFit, call: Arguments) -> Entries:
+    """Return the figures of poses."""
+    loss_before, loss = _losses(fit)
+    return {
+        "before_m": fit.before,
+        "after_m": fit.after,
+        "band_hz": fit.band,
+        "loss_before_db": loss_before,
+        "loss_db": loss,
+        "pairs": fit.pairs,
+        "pairs_alike": fit.alike,
+        "scans": len(fit.pose),
+        "scans_alone": fit.alone,
+        "position_assumed_m": fit.position,
+        "position_sigma_m": fit.deviation.tolist(),
+        "height_m": fit.height,
+        "standing_part_removed": not call.keep_standing,
+    }
+
+
+@command(lines=_pose_lines, as_json=_pose_json, quiet=False)
+def calibrate_poses(
+    run: RunArgument,
+    output: NewRun = None,
+    position: float | None = None,
+    keep_standing: KeepStanding = False,
+    *,
+    track: Progress = None,
+) -> PoseFit:
+    """Find the errors of the poses from scan to scan, by the ground that several scans see.
+
+    For arrays that look ahead. What all scans have in common, or grows slowly along the road, stays
+    as the navigation has it. An answer that the ground does not support is refused.
+
+    Parameters
+    ----------
+    position
+        Standard deviation of the navigation's errors of each coordinate, m; 0.03, or the most that
+        leaves phases unambiguous.
+
+    Returns
+    -------
+    PoseFit
+        The poses, and how well they are known. Beside the new run NAME-poses.csv tells by how much
+        each was moved.
+
+    Raises
+    ------
+    ValueError
+        If the answer cannot be trusted; the message says why.
+    """
+    from flgpr.calibrate import focus_poses
+    from flgpr.commands.calibration import Calibration
+    from flgpr.imaging import ImagingOperator
+    from flgpr.progress import silent
+    from flgpr.store import write_table
+
+    calibration = Calibration(run, keep_standing)
+    fit = focus_poses(calibration.searched, ImagingOperator, position, track or silent)
+    calibration.finish(fit, output)
+    if output is not None:
+        write_table(fit.table().round(6), table_of_poses(output))
     return fit
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from flgpr.calibrate import BiasFit, ClockFit, remove_range_bias, with_track
+from flgpr.calibrate import BiasFit, ClockFit, PoseFit, remove_range_bias, with_track
 from flgpr.clutter import subtract_mean_scan
 from flgpr.commands.positions import track_of
 from flgpr.model.faults import faults_of
@@ -56,7 +56,7 @@ class Calibration:
 
     def finish(
         self,
-        fit: ClockFit | BiasFit,
+        fit: ClockFit | BiasFit | PoseFit,
         output: PathLike | None,
         track: pd.DataFrame | None = None,
     ) -> None:
@@ -67,7 +67,7 @@ class Calibration:
 
         Parameters
         ----------
-        fit : ClockFit or BiasFit
+        fit : ClockFit, BiasFit or PoseFit
             The answer.
         output : path or None
             Run store to write.
@@ -91,7 +91,10 @@ class Calibration:
         # The search was without the standing part; the stored run has all of the data.
         run = self.run
         figures = dict(run.attrs.get("calibration", {}))
-        if track is not None and fit.offset is not None:
+        if isinstance(fit, PoseFit):
+            run = run.assign(pose=(run["pose"].dims, fit.pose))
+            figures |= {"pose_error_before_m": fit.before, "pose_error_m": fit.after}
+        elif track is not None and fit.offset is not None:
             rate = fit.rate if isinstance(fit, ClockFit) else 1.0
             run = with_track(run, track, fit.offset, rate)
             figures |= {"clock_offset_s": fit.offset, "clock_rate": rate}

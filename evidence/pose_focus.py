@@ -1,0 +1,251 @@
+"""What poses that focus themselves are worth: loss of coherent sums and mines found, with wrong poses and focused ones.
+
+``python evidence/pose_focus.py OUT`` simulates the roads that ``pose_focus.toml`` declares, focuses their poses under
+every condition, and writes ``OUT/errors.csv`` and ``OUT/mines.csv``. What is there is kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from common import with_share
+from flgpr import detect
+from flgpr.calibrate import focus_poses
+from flgpr.clutter import subtract_mean_scan
+from flgpr.imaging import ImagingOperator
+from flgpr.jobs.simulated_lane import simulate_to_store
+from flgpr.model import Lane, Sensor, load_sensor
+from flgpr.model.aperture import antennas_in_lane
+from flgpr.scoring import match, side_by_side
+from flgpr.simulate import Scene, draw_world
+from flgpr.simulate.scene.draw import stream
+from flgpr.store import open_run, read_table, save_run, write_table
+
+DECLARED = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+POSES = ("wrong", "focused", "exact")
+RECIPE = """name = "contrast"
+description = "Contrast to the surroundings of the sum of five scans, mean over the looks"
+
+[image]
+x = [-2.5, 2.5]
+y = [8.0, 16.0]
+spacing = 0.05
+window = "hann"
+polarizations = ["HH"]
+frames = 5
+
+[image.subbands]
+band = [0.45e9, 1.6e9]
+
+[background]
+self_signature = "mean"
+median = 1.05
+mean = 2.55
+median_step = 3
+
+[run_view]
+x = [-1.5, 1.5]
+spacing = 0.1
+y_max = 16.0
+look = "mean"
+
+[prescreen]
+polarization = "HH"
+subband = "band"
+radius = 0.5
+density = 0.75
+
+[contrast]
+polarization = "HH"
+subband = "band"
+size = 25
+spacing = 0.1
+inner = [5, 3]
+guard = [9, 7]
+
+[score]
+halo = 0.5
+area = "union"
+"""
+
+
+def scene_of(site: str) -> Scene:
+    """Return the road of a site."""
+    return Scene.model_validate(DECLARED["scene"] | {"site": site, "name": "road"})
+
+
+def sensor() -> Sensor:
+    """Return the radar, whose poses are exact."""
+    entries = load_sensor("sri-array").model_dump()
+    entries |= {"tones": DECLARED["tones"], "polarization": DECLARED["polarization"]}
+    entries["errors"] |= {"position": 0.0, "heading": 0.0, "attitude": 0.0}
+    return Sensor.model_validate(entries)
+
+
+def road(out: Path, site: str) -> Path:
+    """Return the run of a site with exact poses, simulated if it is not there."""
+    run = out / site / "exact.zarr"
+    if not (out / site / "done").is_file():
+        simulate_to_store(scene_of(site), sensor(), DECLARED["seed"], run)
+        (out / site / "done").touch()
+    return run
+
+
+def wrong_poses(
+    pose: np.ndarray, errors: dict[str, float], site: str, condition: str
+) -> np.ndarray:
+    """Return poses (scan, 6) with the errors of a condition."""
+    rng = stream(DECLARED["seed"], f"poses {site} {condition}")
+    wrong = pose.copy()
+    wrong[:, :3] += errors.get("position", 0.0) * rng.normal(size=(len(pose), 3))
+    wrong[:, 3:] += math.radians(errors.get("turn", 0.0)) * rng.normal(size=(len(pose), 3))
+    knots = rng.normal(size=(len(pose) // 6 + 2, 3))
+    for axis in range(3):
+        drift = np.interp(np.arange(len(pose)) / 6, np.arange(len(knots)), knots[:, axis])
+        wrong[:, axis] += errors.get("drift", 0.0) * drift
+    return wrong
+
+
+def with_pose(run: xr.Dataset, pose: np.ndarray) -> xr.Dataset:
+    """Return a run with other poses."""
+    return run.assign(pose=(run["pose"].dims, pose))
+
+
+def against_next(error: np.ndarray, sight: np.ndarray) -> float:
+    """Return errors (scan, 3) along the line of sight against the next scan's, of one scan, m."""
+    return float(np.std(np.diff(error @ sight)) / math.sqrt(2))
+
+
+def sums_at_mines(run: xr.Dataset, mines: pd.DataFrame) -> np.ndarray:
+    """Return the greatest power of the sum of all looks at each mine, dB."""
+    tones, place = run["frequency"].values, run["pose"].values
+    side = np.arange(-0.3, 0.301, 0.05)
+    patch = np.stack([*np.meshgrid(side, side), np.zeros((side.size, side.size))], axis=-1)
+    powers = []
+    for mine in mines[["x", "y"]].to_numpy():
+        ahead = mine[1] - place[:, 1]
+        near, far = DECLARED["looks"]
+        looks = np.flatnonzero((ahead >= near) & (ahead <= far))
+        data = np.nan_to_num(run["signal"][looks].sel(polarization=["HH"]).values)
+        total = np.zeros(patch.shape[:2], complex)
+        for scan, sweeps in zip(looks, data, strict=True):
+            tx, rx = antennas_in_lane(run, place[scan : scan + 1])
+            points = patch + [*mine, 0.0]
+            imaging = ImagingOperator(tones, tx, rx, points, [(0.45e9, 1.6e9)], window="hann")
+            total += imaging.adjoint(sweeps)[0, 0]
+        powers.append(20 * math.log10(np.abs(total).max()))
+    return np.array(powers)
+
+
+def focused(out: Path, site: str, condition: str) -> dict[str, Any]:
+    """Return what a condition costs on a road, before and after; its runs are stored."""
+    exact = road(out, site)
+    run = open_run(exact).compute()
+    searched = subtract_mean_scan(run)
+    pose = run["pose"].values
+    wrong = wrong_poses(pose, DECLARED["conditions"][condition], site, condition)
+    fit = focus_poses(with_pose(searched, wrong), ImagingOperator)
+    home = out / site / condition.replace(" ", "-")
+    for name, other in (("wrong", wrong), ("focused", fit.pose)):
+        if not (home / f"{name}.zarr").is_dir():
+            save_run(with_pose(run, other), home / f"{name}.zarr")
+    truth = draw_world(scene_of(site), DECLARED["seed"]).truth()
+    metal = truth[truth["kind"] == "metal"]
+    best = sums_at_mines(searched, metal)
+    height = float(np.median(pose[:, 2]))
+    sight = np.array([0.0, 12.0, -height]) / math.hypot(12.0, height)
+    row: dict[str, Any] = {"poses": condition, "site": site}
+    for name, other in (("before", wrong), ("after", fit.pose)):
+        row[f"{name}, mm"] = 1e3 * against_next((other - pose)[:, :3], sight)
+        row[f"{name}, as told, mm"] = 1e3 * getattr(fit, name)
+        loss = best - sums_at_mines(with_pose(searched, other), metal)
+        row[f"loss {name}, dB"] = float(loss.mean())
+    row["position over its deviation"] = float(
+        np.sqrt(np.mean(((fit.pose - pose)[:, :3] / fit.sigma) ** 2))
+    )
+    return row | {"pairs alike": f"{fit.alike} of {fit.pairs}", "doubt": fit.doubt}
+
+
+def alarms_of(out: Path, site: str, condition: str, poses: str) -> pd.DataFrame:
+    """Return the alarms on a road with some poses."""
+    home = out / site / condition.replace(" ", "-")
+    run = road(out, site) if poses == "exact" else home / f"{poses}.zarr"
+    result = (out / site if poses == "exact" else home) / f"result-{poses}"
+    if not (result / "alarms.csv").is_file():
+        recipe = out / "recipe.toml"
+        recipe.write_text(RECIPE, "utf-8")
+        detect(run, recipe=recipe, output=result, report=False, lane=lane())
+    return read_table(result / "alarms.csv", "alarms").assign(lane=site)
+
+
+def lane() -> Lane:
+    """Return the border of every road."""
+    scene = DECLARED["scene"]
+    return Lane(scene["x_min"], scene["x_max"], 0.0, scene["length"])
+
+
+def found(out: Path, condition: str) -> Iterator[dict[str, object]]:
+    """Yield how many mines are found under a condition, by wrong, focused and exact poses."""
+    truths, lanes = [], {}
+    lists: dict[str, list[pd.DataFrame]] = {poses: [] for poses in POSES}
+    for site in DECLARED["sites"]:
+        for poses in POSES:
+            lists[poses].append(alarms_of(out, site, condition, poses))
+        world = draw_world(scene_of(site), DECLARED["seed"])
+        truths.append(world.truth().assign(lane=site))
+        lanes[site] = lane()
+    truth = pd.concat(truths, ignore_index=True)
+    matches = {
+        poses: match(pd.concat(alarms, ignore_index=True), truth, lanes, DECLARED["halo"])
+        for poses, alarms in lists.items()
+    }
+    compared = side_by_side(matches, DECLARED["fars"], means=False)
+    points = compared.points.set_index(["detector", "far_allowed"])
+    for far in DECLARED["fars"]:
+        row: dict[str, object] = {"poses": condition, "at false alarms per m²": far}
+        for poses in POSES:
+            point = points.loc[(poses, far)]
+            row[poses] = with_share(int(point["n_detected"]), int(point["n_targets"]))
+        for rival in ("wrong", "exact"):
+            row[f"focused against {rival}"] = against(compared.pairs, far, rival)
+        yield row
+
+
+def against(pairs: pd.DataFrame, far: float, rival: str) -> str:
+    """Return what focused poses and others each find alone, and McNemar's p."""
+    for _, pair in pairs[pairs["far_allowed"] == far].iterrows():
+        if {pair["first"], pair["second"]} == {"focused", rival}:
+            alone = [pair["only_first"], pair["only_second"]]
+            own, its = alone if pair["first"] == "focused" else alone[::-1]
+            return f"+{own} -{its}, p = {pair['p']:.2g}"
+    raise ValueError(f"pairs must hold focused and {rival}, they do not")
+
+
+def main() -> None:
+    """Focus all poses, detect, and write both tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("out", type=Path)
+    given = parser.parse_args()
+    errors, mines = [], []
+    for condition in DECLARED["conditions"]:
+        for site in DECLARED["sites"]:
+            errors.append(focused(given.out, site, condition))
+            print(errors[-1], flush=True)
+        write_table(pd.DataFrame(errors), given.out / "errors.csv")
+    for condition in DECLARED["conditions"]:
+        mines += found(given.out, condition)
+        print(mines[-2], flush=True)
+        write_table(pd.DataFrame(mines), given.out / "mines.csv")
+
+
+if __name__ == "__main__":
+    main()
