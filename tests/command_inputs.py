@@ -9,6 +9,7 @@ import flgpr
 import io_gpr
 from archives import read_archive
 from calibrate.echoes import echo
+from calibrate.rough_ground import drive
 from flgpr.commands.anchoring import write_anchor
 from flgpr.geo.anchor import fit_anchor
 from flgpr.live.feeding import feed
@@ -154,6 +155,7 @@ def _make_rail(home):
     pose[:, :3] = place
     save_run(make_run(signal, *array, pose, time), home / "posed.zarr")
     write_table(track, home / "rail-track.csv")
+    save_run(drive(), home / "ahead.zarr")
     (home / "reflectors.csv").write_text(
         "x_m,y_m,z_m\n" + "".join(f"{x},{y},{z}\n" for x, y, z in reflectors)
     )

@@ -397,6 +397,11 @@ COMMANDS = [
         "-o {out}/a.zarr",
     ),
     Command(
+        "calibrate poses",
+        "calibrate poses {in}/ahead.zarr -o {out}/a.zarr",
+        "calibrate poses {in}/ahead.zarr --position 0.01 -o {out}/a.zarr",
+    ),
+    Command(
         "live",
         "live {in}/incoming --recipe {in}/small.toml --snapshot 3 -o {out}/live",
         "live {in}/other-incoming --recipe {in}/small.toml --snapshot 3 -o {out}/live",

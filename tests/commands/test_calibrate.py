@@ -1,9 +1,11 @@
 """What the calibrations refuse, by the option that breaks its rule."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
+from calibrate.rough_ground import drive
 from flgpr.commands.app import app
 from flgpr.commands.calibrate import (
     calibrate_clock,
@@ -12,7 +14,8 @@ from flgpr.commands.calibrate import (
 )
 from flgpr.model import make_run
 from flgpr.model.phase import path_phase
-from flgpr.store import save_run
+from flgpr.model.run import with_signal
+from flgpr.store import open_run, save_run
 
 
 @pytest.fixture
@@ -70,3 +73,41 @@ def test_what_is_refused_is_one_line_and_stores_nothing(stored, reflectors, tmp_
     assert done.exit_code == 2
     assert done.output == "error: search must be positive, got 0\n"
     assert not (tmp_path / "new.zarr").exists()
+
+
+@pytest.fixture
+def driven(tmp_path):
+    run = drive()
+    pose = run["pose"].values.copy()
+    pose[:, :3] += np.random.default_rng(5).normal(0, 0.01, (len(pose), 3))
+    return save_run(run.assign(pose=(run["pose"].dims, pose)), tmp_path / "driven.zarr")
+
+
+def test_poses_are_stored_with_what_they_were_moved_by(driven, tmp_path):
+    new = tmp_path / "new.zarr"
+    done = CliRunner().invoke(app, ["calibrate", "poses", str(driven), "-o", str(new)])
+    assert done.exit_code == 0
+    first, second = done.stdout.splitlines()[:2]
+    assert first.startswith("along the line of sight a scan's pose was off by 1")
+    assert second.startswith("so a sum over many scans from 0.5 to 1.33 GHz loses 0.")
+    moved = pd.read_csv(tmp_path / "new-poses.csv")
+    before, after = (open_run(path) for path in (driven, new))
+    change = (after["pose"] - before["pose"]).values
+    np.testing.assert_allclose(
+        moved[["x_moved_m", "y_moved_m", "z_moved_m"]], change[:, :3], atol=1e-6
+    )
+    assert np.abs(change[:, :3]).max() > 5e-3
+    assert after.attrs["calibration"]["pose_error_m"] < 0.003
+    np.testing.assert_array_equal(after["signal"].values, before["signal"].values)
+
+
+def test_poses_that_the_ground_does_not_tell_are_not_stored(driven, tmp_path):
+    run = open_run(driven)
+    rng = np.random.default_rng(1)
+    noise = rng.normal(size=run["signal"].shape) + 1j * rng.normal(size=run["signal"].shape)
+    noisy = save_run(with_signal(run, noise), tmp_path / "noise.zarr")
+    new = tmp_path / "new.zarr"
+    done = CliRunner().invoke(app, ["calibrate", "poses", str(noisy), "-o", str(new)])
+    assert done.exit_code == 2
+    assert "pairs of scans see the ground alike" in done.output
+    assert not list(tmp_path.glob("new*"))

@@ -148,6 +148,7 @@ PRINTED = {
         "prepare OUT/a.zarr -o OUT/b.zarr --background",
         "calibrate permittivity OUT/b.zarr",
     ],
+    "calibrate poses": ["calibrate poses IN/ahead.zarr"],
     "calibrate range-bias": ["calibrate range-bias IN/posed.zarr REFLECTORS"],
     "demo": ["demo -o OUT/demo"],
     "design": ["design sri-array --signal-to-clutter BODY"],

@@ -31,6 +31,7 @@ MUST_REFUSE = {
     "calibrate clock": ("a.zarr", "a.zarr.partial"),
     "calibrate range-bias": ("a.zarr", "a.zarr.partial"),
     "calibrate joint": ("a.zarr", "a.zarr.partial"),
+    "calibrate poses": ("a.zarr", "a.zarr.partial"),
     "detect": ("result", "result.work", ".partial-result"),
     "detect in sections": ("result", "result.work", "result.sections"),
     "train": ("model", ".partial-model"),
