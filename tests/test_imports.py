@@ -39,7 +39,7 @@ ALLOWED = {
     "jit": set(),
     "kernels": {"jit"},
     **{stage: {"model", "jit", "kernels"} for stage in STAGES},
-    "calibrate": {"model", "jit", "kernels", "health"},
+    "calibrate": {"model", "jit", "kernels", "health", "progress"},
     "scoring": {"model"},
     "store": {"model", "append_log"},
     "geo": {"model", "store"},

@@ -129,3 +129,12 @@ def test_higher_ground_is_seen_at_pixels_of_the_same_mean_range():
     raised = near + share * (far - near)
     expected = -np.diff(ranges(raised) - ranges(pixel))[0] / height
     assert _slope_of_height(*slopes)[0] == pytest.approx(expected, rel=1e-2)
+
+
+def test_a_vehicle_that_waits_spoils_nothing(true):
+    """Scans of one place, with errors of their own, between those of a vehicle that drives."""
+    order = [0, 1, 2, *[3] * 12, 4, 5, 6]
+    waiting = true.isel(scan=order)
+    run, error = moved(waiting, 0.01)
+    fit = focus_poses(run, ImagingOperator, 0.01)
+    assert against_next(left(fit, waiting)) < 0.25 * against_next(error)

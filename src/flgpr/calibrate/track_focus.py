@@ -49,10 +49,8 @@ _MOST_TURN = 1.2  # rad, of the lowest band by errors of the navigation
 _ALIKE = 1.3  # rad², variance of the phases between looks that are alike; of any others 3.3
 _LEAST_VARIANCE = 0.02  # rad²
 _HEIGHT = 0.05  # m, standard deviation of the height of what echoes: some of it lies deeper
-# The same of the ground of a pair of scans, with slopes across and along, m per m. Where there are
-# more pairs than one in a fifth of a height of the way, they have ground in common.
-_OF_PAIR = (0.02, 0.01, 0.01)
-_APART = 0.2
+_OF_PAIR = (0.02, 0.01, 0.01)  # the same of a pair's ground, with slopes across and along, m per m
+_APART = 0.2  # antenna heights of the way, in which pairs have ground in common
 _SETTLED = 0.03  # rad, step of the highest band's phase at which rounds end
 _ROUNDS = 8
 _MOST_ERRORS = 4.0  # times its assumed errors, by which a pose is moved
@@ -212,11 +210,20 @@ class _Scene:
         self.reach = _REACH * height
         self._ground = _Ground.of(self._centre, _RANGE_CELL * height)
         self.bands = _bands(run, SPEED_OF_LIGHT / (2 * _RANGE_CELL * height))
-        count = sum(len(list(self._earlier(last))) for last in range(len(self.reported)))
-        way = float(steps_of(self.reported).sum())
-        in_common = count * _APART * height / max(way, _APART * height)
-        self._in_common = max(in_common, 1.0)
+        self._in_common = self._pairs_in_common(_APART * height)
         self.position = self._checked(position)
+
+    def _pairs_in_common(self, apart: float) -> float:
+        """Return how many pairs share ground: those in a stretch of the way, at least one.
+
+        Their speckle and the shape of their ground are the same, so that they err together, by more
+        the farther apart their scans are. Pairs of a vehicle that waits do not.
+        """
+        pairs = 0
+        for last in range(len(self.reported)):
+            pairs += sum(self._way(first, last) > apart / 10 for first in self._earlier(last))
+        way = float(steps_of(self.reported).sum())
+        return max(pairs * apart / max(way, apart), 1.0)
 
     def _checked(self, position: float | None) -> float:
         """Return the navigation's errors, m, which must leave the lowest band's phases unambiguous."""
@@ -246,11 +253,14 @@ class _Scene:
         """Yield the numbers of the scans that a scan is compared with."""
         back = 1
         while back <= last:
-            way = np.linalg.norm(self.reported[last, :2] - self.reported[last - back, :2])
-            if way > self.reach:
+            if self._way(last - back, last) > self.reach:
                 return
             yield last - back
             back *= 2
+
+    def _way(self, first: int, last: int) -> float:
+        """Return how far two scans lie apart, m."""
+        return float(np.hypot(*(self.reported[last] - self.reported[first])[:2]))
 
     def _look(self, scan: int, pose: FloatArray, points: FloatArray, bands: int) -> _Look:
         """Return ground (pixel, 3) of the lane as a scan sees it."""
@@ -268,14 +278,14 @@ class _Scene:
         powers = [mean((np.abs(look.image) ** 2).sum(axis=0)) for look in (first, last)]
         most = np.sqrt(powers[0] * powers[1])
         coherence = np.abs(product) / np.where(most > 0, most, np.inf)
+        if not coherence.any():
+            return _Pair(scans, np.zeros((4, 4)), np.zeros(4), math.inf)
         rise = _slope_of_height(first.slope, last.slope)
         wavenumber = self._wavenumber(len(product))[:, None]
         middles = mean(self._ground.points.T)[:2]
         tilts = middles - middles.mean(axis=1, keepdims=True)
         uneven = np.column_stack([rise, *(rise * tilts)])
         phase = np.angle(product * np.exp(1j * wavenumber * rise * height))
-        if not coherence.any():
-            return _Pair(scans, np.zeros((4, 4)), np.zeros(4), math.inf)
         weight = coherence**2
         variance = max(float(np.average(phase**2, weights=weight)), _LEAST_VARIANCE)
         weight /= weight.mean() * variance * self._in_common
