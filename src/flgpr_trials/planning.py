@@ -159,6 +159,8 @@ def mines_needed(pd: float, misses: int, confidence: float = 0.95) -> int:
     is_shown = bisect_left(
         numbers, True, key=lambda mines: _at_most(misses, mines, 1 - pd) <= 1 - confidence
     )
+    if is_shown == len(numbers):
+        raise ValueError(f"pd must be so low that at most {_MOST_MINES:.0e} mines show it, got {pd}")
     return numbers[is_shown]
 
 
@@ -197,7 +199,10 @@ def area_needed(far: float, false_alarms: int, confidence: float = 0.95) -> floa
         raise ValueError(
             f"far must be positive and false_alarms not negative, got {far} and {false_alarms}"
         )
-    return float(special.gammaincinv(false_alarms + 1, confidence) / far)
+    area = float(special.gammaincinv(false_alarms + 1, confidence)) / float(far)
+    if math.isinf(area):
+        raise ValueError(f"far must be so high that a finite area shows it, got {far}")
+    return area
 
 
 def emplacement_plan(

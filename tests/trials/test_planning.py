@@ -79,10 +79,14 @@ def test_plans_that_cannot_be_are_named(change, message):
 def test_sizes_check_their_arguments():
     with pytest.raises(ValueError, match="pd must lie"):
         mines_needed(1.0, 0)
+    with pytest.raises(ValueError, match=r"pd must be so low .* got 0\.99999"):
+        mines_needed(1.0 - 1e-15, 0)
     with pytest.raises(ValueError, match="misses must not"):
         mines_needed(0.9, -1)
     with pytest.raises(ValueError, match="far must be positive"):
         area_needed(math.nan, 0)
+    with pytest.raises(ValueError, match=r"far must be so high .* got 1e-320"):
+        area_needed(1e-320, 0)
 
 
 @settings(max_examples=40, deadline=None)

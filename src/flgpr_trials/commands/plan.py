@@ -27,8 +27,9 @@ def _mines_lines(plan: SamplePlan, call: Arguments) -> Iterator[str]:
     confidence = f"{100 * call.confidence:g} % each"
     yield f"To show Pd >= {call.pd_claim:g} at FAR <= {call.far:g} per m² with {confidence}:"
     yield f"  {plan.mines} mines, of which at most {plan.misses} may be missed"
+    # Rounded up: less ground would not show it.
     yield (
-        f"  {plan.area:.0f} m² of ground outside the halos, "
+        f"  {math.ceil(plan.area)} m² of ground outside the halos, "
         f"with at most {plan.false_alarms} false alarms"
     )
     if call.true_pd is not None:
