@@ -65,15 +65,17 @@ def drawn_plan(
 def write_papers(
     plan: pd.DataFrame,
     lanes: LaneLike,
+    path: Path,
     files: Mapping[str, Path],
     digest: str,
     anchor: Anchor | None,
 ) -> None:
-    """Write the crew's sheet and page."""
+    """Write the crew's sheet and page of the plan at ``path``, those that ``files`` name."""
     sheet = _crew_sheet(plan, anchor)
-    write_new(files["sheet"], csv_text(sheet))
-    page = sheet_html(sheet, as_lanes(lanes), files["plan"].name, digest, anchor)
-    write_new(files["page"], page)
+    if "sheet" in files:
+        write_new(files["sheet"], csv_text(sheet))
+    if "page" in files:
+        write_new(files["page"], sheet_html(sheet, as_lanes(lanes), path.name, digest, anchor))
 
 
 def existing_plan(path: Path, drawn: pd.DataFrame, seed: int | None) -> pd.DataFrame:

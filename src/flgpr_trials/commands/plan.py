@@ -90,11 +90,10 @@ def plan_mines(
 
 def _lane_lines(returned: tuple[pd.DataFrame, Entries], call: Arguments) -> Iterator[str | Path]:
     """Yield the files, the seed and the time of the register line."""
-    from flgpr_trials.commands.crew import plan_files
     from flgpr_trials.folder import too_few_mines
 
     plan, line = returned
-    yield from plan_files(call.output, call.anchor is not None).values()
+    yield from plan.attrs["written"]
     seed = plan.attrs["seed"]
     origin = "of a seed that was not kept" if seed is None else f"seed {seed}"
     yield f"{len(plan)} targets, {origin}; registered {line['time']}"
@@ -158,7 +157,8 @@ def plan_lane(
     Returns
     -------
     plan, line
-        The table, whose ``attrs`` have the seed, and the line of the register.
+        The table, whose ``attrs`` have the seed and the files that were ``written``, and the line
+        of the register.
 
     Raises
     ------
@@ -171,8 +171,8 @@ def plan_lane(
     Notes
     -----
     The files are those of :func:`flgpr_trials.commands.crew.plan_files`. Who can guess the seed has
-    the plan. A plan that was drawn of the same inputs is left as it is; one that was stopped before
-    it was registered is finished.
+    the plan. A plan that was drawn of the same inputs is left as it is, and so are its papers, but
+    those that are gone are written again; one that was stopped before it was registered is finished.
     """
     from flgpr.commands.exports import Wish, write_export
     from flgpr.commands.positions import read_optional_anchor
@@ -221,14 +221,17 @@ def plan_lane(
     lines = read_register(register)
     require_trial_rules(lines, rules, register)
 
+    registered = None
     if os.path.lexists(path):
         plan = crew.existing_plan(path, plan, seed)
         entry["plan"] = content_hash(path)
         registered = crew.line_of_plan(lines, entry, path)
-        if registered is not None:
+        if registered is None:
+            require_unopened(lines, too_late)
+        else:
             log_finished(path, "choose another name for another plan")
-            return plan, registered
-        require_unopened(lines, too_late)
+            # The crew may have filled in its sheet.
+            files = {name: file for name, file in files.items() if not os.path.lexists(file)}
     else:
         # A plan without its papers, or papers of another plan, would mislead the crew.
         for file in files.values():
@@ -237,10 +240,13 @@ def plan_lane(
         write_new(path, csv_text(plan))
         entry["plan"] = content_hash(path)
 
-    crew.write_papers(plan, lanes, files, entry["plan"], lane_anchor)
+    crew.write_papers(plan, lanes, path, files, entry["plan"], lane_anchor)
     for kind in ("gpkg", "gpx"):
         if kind in files:
             write_export(Wish(path, files[kind], kind, anchor))
+    plan.attrs["written"] = list(files.values())
+    if registered is not None:
+        return plan, registered
 
     def entry_unless_opened(lines_now: list[Entries]) -> Entries:
         require_unopened(lines_now, too_late)
