@@ -375,7 +375,8 @@ def _survey_lines(returned: tuple[pd.DataFrame, Entries], call: Arguments) -> It
     yield call.output
     yield (
         f"{len(truth)} targets, {line['moved']} of them moved by at most "
-        f"{line['largest_offset']:.3f} m; {line['left_out']} not emplaced and left out; "
+        f"{line['largest_offset']:.3f} m, {line['other_depth']} at another depth than planned; "
+        f"{line['left_out']} not emplaced and left out; "
         f"registered {line['time']}"
     )
     if warning := too_few_mines(Path(call.output), len(truth)):
@@ -406,14 +407,14 @@ def survey_plan(
     Returns
     -------
     truth, line
-        The truth, and the line of the register with the number of targets that were moved and the
-        largest offset.
+        The truth, and the line of the register with the number of targets that were moved, the
+        largest offset, and how many lie at another depth than planned.
 
     Raises
     ------
     ValueError
-        If the sheet does not fit the plan, a target lies farther from its place than believed, or a
-        truth was opened under the register; nothing is written then.
+        If the sheet does not fit the plan or changes what was planned, a target lies farther from
+        its place than believed, or a truth was opened under the register; nothing is written then.
     FileExistsError
         If another file is at the output.
 
@@ -422,7 +423,9 @@ def survey_plan(
     Every row of the sheet says in ``emplaced`` yes or no. Where place or depth is empty it is as
     planned.
     """
+    from flgpr.commands.reach import tell_doubts
     from flgpr.door import read_named
+    from flgpr.scoring import as_lanes
     from flgpr.store.files import existing
     from flgpr.store.outputs import write_new
     from flgpr.store.tables import parse_table
@@ -437,14 +440,16 @@ def survey_plan(
     if path is None:
         raise ValueError(f"book must be given: {plan} names no register")
     lines = read_register(existing(path, "register"))
-    this_plan = {"event": "plan", "plan": content_hash(data)}
+    digest = content_hash(data)
+    this_plan = {"event": "plan", "plan": digest}
     plan_lines = [line for line in lines if this_plan.items() <= line.items()]
     if not plan_lines:
         raise ValueError(f"plan must be one that stands in {path}, unaltered, got {plan}")
     too_late = (
         f"what was emplaced must be entered before the truth is opened; {path} tells of an opening"
     )
-    truth, offset = read_sheet(sheet, planned, within)
+    truth, offset, depth_offset = read_sheet(sheet, planned, within)
+    tell_doubts(truth, "truth", Path(sheet).name, as_lanes(plan_lines[-1]["lanes"]))
     text = csv_text(truth)
     kept: Entries = {
         name: plan_lines[-1][name] for name in ("plan", "lanes", "rules") if name in plan_lines[-1]
@@ -454,12 +459,15 @@ def survey_plan(
         **kept,
         "moved": int((offset > 0).sum()),
         "largest_offset": round(float(offset.max()), 3),
+        "other_depth": int((depth_offset > 0).sum()),
         "left_out": len(planned) - len(truth),
         "truth": content_hash(text),
     }
-    # The same survey may have been entered, and its truth be missing: it is written again.
-    earlier = [line for line in lines if entry.items() <= line.items()]
-    if not earlier:
+    # The last survey counts. The same may have been entered, and its truth be missing: it is
+    # written again.
+    surveys = [line for line in lines if line.get("event") == "survey" and line["plan"] == digest]
+    is_entered = bool(surveys) and entry.items() <= surveys[-1].items()
+    if not is_entered:
         require_unopened(lines, too_late)
     write_new(Path(output), text)
-    return truth, earlier[-1] if earlier else enter_unopened(path, entry, too_late)
+    return truth, surveys[-1] if is_entered else enter_unopened(path, entry, too_late)
