@@ -114,6 +114,9 @@ class Intake:
     read: ReadList
     page: Path
     line: dict[str, Any] | None  #: of the register; None where nobody signed
+    replaced: (
+        dict[str, Any] | None
+    )  #: of the signed list whose place it takes; None where there is none
 
 
 def read_vendor_list(

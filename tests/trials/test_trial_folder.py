@@ -150,6 +150,23 @@ def test_from_intake_to_verdict(trial):
     assert len(looks) == 4
 
 
+def test_a_list_that_takes_the_place_of_a_signed_one_says_so_and_may_go_back(trial):
+    assert take_in(trial).replaced is None
+    words = ["trial", "intake", str(trial), "ACME", str(trial.parent / "globex.csv")]
+    told = CliRunner().invoke(app, words).stdout
+    assert "it takes the place of the list that A. Director signed, line 5\nnot signed" in told
+    second = take_in(trial, name="globex.csv")
+    assert (second.line["number"], second.replaced["number"]) == (6, 5)
+    back = take_in(trial)
+    assert (back.line["number"], back.replaced["number"]) == (7, 6), "the last line counts"
+    assert take_in(trial, signed=None).line == back.line, "it is signed already"
+    assert trial_verdict(trial, passphrase=PHRASE).points["n_detected"].tolist() == [9]
+    told = CliRunner().invoke(app, ["trial", "verdict", str(trial)]).stdout
+    assert told.startswith("At the registered 0.05 per m²: ACME 9 of 9; "), (
+        "a verdict that is there"
+    )
+
+
 @pytest.mark.parametrize("name", ["acme.csv", "acme.used.csv"])
 def test_a_list_that_was_changed_after_it_was_signed_is_refused(trial, name):
     take_in(trial)
