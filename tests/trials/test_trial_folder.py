@@ -68,6 +68,8 @@ def test_a_folder_is_begun_once_and_its_requirement_is_registered(tmp_path):
         trial_new(home)
     with pytest.raises(ValueError, match=r"requirement.confidence: .*got 0.3"):
         trial_new(tmp_path / "other", confidence=0.3)
+    with pytest.raises(ValueError, match="pd must be finite, got nan"):
+        trial_new(tmp_path / "other", pd_claim=float("nan"))
     assert not (tmp_path / "other").exists()
     text = (home / "trial.toml").read_text()
     (home / "trial.toml").write_text(text.replace("0.8", "0.7"))
@@ -87,6 +89,17 @@ def test_plan_and_seal_find_the_register_and_keep_the_requirement(tmp_path):
     assert not (home / "plan.csv").exists()
     plan_lane(*paths, 1, halo=0.5, far=0.02)
     assert [line["event"] for line in read_register(home / "register.jsonl")] == ["trial", "plan"]
+
+
+def test_the_commands_of_the_readme_state_numbers_in_full(tmp_path):
+    home = tmp_path / "t"
+    trial_new(home, far=0.123456789, halo=1.2345678, lane=short_lane(home))
+    (home / "sorts.csv").write_text("kind,depth,count\nmetal,0.05,3\n")
+    command = (home / "README.md").read_text().split("`flgpr plan lane ")[1].split("`")[0]
+    is_file = (".toml", ".csv")
+    words = [str(home / word) if word.endswith(is_file) else word for word in command.split()]
+    told = CliRunner().invoke(app, ["plan", "lane", *words])
+    assert told.exit_code == 0, told.output
 
 
 def test_too_few_mines_are_told_before_lists_come(tmp_path):
