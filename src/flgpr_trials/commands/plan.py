@@ -314,12 +314,12 @@ def _check_lines(returned: CheckedRegister, call: Arguments) -> Iterator[str]:
     yield f"{call.book}: {len(lines)} lines, each fits the one before; the last is {last}"
     for name, head in heads.items():
         yield f"{name} knows {head['lines']} of them"
-    if not heads and call.witness is None:
+    if not heads:
         yield "only --report or --witness shows whether lines are missing at the end"
 
 
 def _check_json(returned: CheckedRegister, _: Arguments) -> Entries:
-    """Return the head of a register and those that reports know."""
+    """Return the head of a register and those that reports and a witness know."""
     from flgpr_trials.ledger import head_of
 
     lines, heads = returned
@@ -348,23 +348,41 @@ def check_register(
     Returns
     -------
     lines, heads
-        The register's lines; and by report how many lines it knows, and the last one's hash.
+        The register's lines; and by report, and by witness, how many lines it knows, and the last
+        one's hash.
 
     Raises
     ------
     ValueError
         If a line was altered, or one that the witness or a report knows is missing; it names the
-        line.
+        line. If the witness knows no line.
+    FileNotFoundError
+        If the register or the witness is missing.
     """
+    from flgpr.append_log import read_log
+    from flgpr.store.files import existing
+    from flgpr.store.notes import log_note
     from flgpr_trials.commands.scores import (
         heads_of_reports,
         read_existing_register,
         with_witness,
     )
+    from flgpr_trials.ledger import read_register
 
     register = with_witness(book, witness)
     lines = read_existing_register(register)
-    return lines, heads_of_reports(lines, register, one_or_more(report))
+    complete, unfinished = read_log(Path(book))
+    if unfinished and len(complete) == len(lines):
+        log_note(f"{book}: {len(unfinished)} bytes of an unfinished line at the end are left out")
+    heads = heads_of_reports(lines, register, one_or_more(report))
+    if witness is not None:
+        # Those that fit the register; that it lacks none of them has been checked.
+        known = read_register(existing(witness, "witness"))
+        records = [record for record in known if lines and record.get("of") == lines[0]["hash"]]
+        if not records:
+            raise ValueError(f"witness must know lines of {book}, got {witness}, which knows none")
+        heads[witness] = {name: records[-1][name] for name in ("lines", "head")}
+    return lines, heads
 
 
 def _survey_lines(returned: tuple[pd.DataFrame, Entries], call: Arguments) -> Iterator[str | Path]:
