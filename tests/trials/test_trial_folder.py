@@ -237,6 +237,18 @@ def test_without_a_signed_list_there_is_no_verdict(trial):
         trial_verdict(trial, passphrase=nobody)
 
 
+@pytest.mark.parametrize("name", ["verdict.html", "verdict.json"])
+def test_a_verdict_that_cannot_be_written_costs_no_look(trial, name):
+    take_in(trial)
+    count = len(read_register(trial / "register.jsonl"))
+    for make in ((trial / name).mkdir, lambda: (trial / name).symlink_to(trial / "elsewhere")):
+        make()
+        with pytest.raises(FileExistsError, match=name):
+            trial_verdict(trial, passphrase=nobody)
+        (trial / name).unlink() if (trial / name).is_symlink() else (trial / name).rmdir()
+    assert len(read_register(trial / "register.jsonl")) == count
+
+
 def test_a_truth_that_nobody_planned_is_sealed_with_the_trial(tmp_path):
     pytest.importorskip("cryptography")
     home = tmp_path / "t"
