@@ -178,10 +178,11 @@ def plan_lane(
     from flgpr.commands.positions import read_optional_anchor
     from flgpr.commands.reach import tell_doubts
     from flgpr.commands.scoring import borders, read_lanes
+    from flgpr.door import read_named
     from flgpr.geo.points import require_one_lane
     from flgpr.store.extras import optional
     from flgpr.store.files import check_new
-    from flgpr.store.outputs import log_finished, output_exists_error, write_new
+    from flgpr.store.outputs import atomic_output, log_finished, output_exists_error, write_new
     from flgpr.store.writing import csv_text
     from flgpr_trials.commands import crew
     from flgpr_trials.commands.scores import recipe_hash
@@ -228,6 +229,9 @@ def plan_lane(
         registered = crew.line_of_plan(lines, entry, path)
         if registered is None:
             require_unopened(lines, too_late)
+            # Written over, for what a killed process left beside it goes then: a hidden copy of it.
+            with atomic_output(path, replace=True) as temporary:
+                temporary.write_bytes(read_named(path))
         else:
             log_finished(path, "choose another name for another plan")
             # The crew may have filled in its sheet.
