@@ -207,11 +207,11 @@ def trial_intake(
         entry["signed"] = signed
     # The last list that a vendor's name was signed for counts, and it may be this one.
     before = [one.line for one in trial.signed_lists(lines) if one.vendor == vendor]
-    if before and entry.items() <= before[0].items():
-        line, replaced = before[0], None
+    line = replaced = before[0] if before else None
+    if line is not None and entry.items() <= line.items():
+        replaced = None
     else:
         line = None if signed is None else enter_unopened(trial.register, entry, _TOO_LATE)
-        replaced = before[0] if before else None
     page = path.with_suffix(".html")
     html = intake_html(read, lanes, halo, read.facts(lanes, data), line)
     if not write_changed(page, html.encode()) and not is_new:
