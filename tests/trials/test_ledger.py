@@ -399,6 +399,8 @@ def test_the_command_checks_a_register_beside_reports_and_a_witness(tmp_path, tr
     assert ran.exit_code == 0, ran.output
     assert f"{tmp_path / 'score'} knows 3 of them" in ran.output
     assert f"{witness} knows 3 of them" in ran.output
+    told = json.loads(CliRunner().invoke(app, [*check, "--json"]).stdout)
+    assert [line["event"] for line in told["events"]] == ["", "recipe", "truth opened"]
     for other, words in (
         ("nobody.jsonl", "witness not found"),
         ("empty.jsonl", "witness must know lines of"),

@@ -323,11 +323,13 @@ def _check_lines(returned: CheckedRegister, call: Arguments) -> Iterator[str]:
 
 
 def _check_json(returned: CheckedRegister, _: Arguments) -> Entries:
-    """Return the head of a register and those that reports and a witness know."""
+    """Return the lines and the head of a register, and the heads that reports and a witness know."""
     from flgpr_trials.ledger import head_of
 
     lines, heads = returned
-    return head_of(lines) | {"reports": {str(name): head for name, head in heads.items()}}
+    events = [{name: line.get(name, "") for name in ("number", "time", "event")} for line in lines]
+    known = {str(name): head for name, head in heads.items()}
+    return head_of(lines) | {"events": events, "reports": known}
 
 
 @command(lines=_check_lines, as_json=_check_json, quiet=False)
