@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -156,6 +157,9 @@ def begin_trial(
     FileExistsError
         If something else is there.
     """
+    for name, value in {"halo": halo, **requirement}.items():
+        if not math.isfinite(value):  # TOML of ours has no such number
+            raise ValueError(f"{name} must be finite, got {value}")
     stated = _toml({"halo": float(halo), "requirement": dict(requirement)}, _COMMENTS)
     entries = parse_entries(TrialEntries, stated, "trial")
     if os.path.lexists(home):
@@ -234,7 +238,7 @@ def require_trial_rules(
     for name, value in rules.items():
         if value != stated[name]:
             raise ValueError(
-                f"{name} must be {stated[name]:g} as the trial of {path} asks for, got {value:g}"
+                f"{name} must be {stated[name]} as the trial of {path} asks for, got {value}"
             )
 
 
@@ -268,13 +272,14 @@ def _sorts_text(mines: int) -> str:
 def _readme(entries: TrialEntries, mines: int) -> str:
     """Return the next commands."""
     wanted = entries.requirement
-    rule = f" --halo {entries.halo:g}" if entries.halo != 1 else ""
+    # Numbers in full: plans with rounded ones are refused.
+    rule = f" --halo {entries.halo}" if entries.halo != 1 else ""
     return f"""# Trial
 
 To show: {wanted.in_words()} at {wanted.far:g} false alarms per m². It takes {mines} mines without a miss.
 
 1. Put the borders of your lanes into `lanes.toml`, kinds, depths (m) and counts of the mines into `sorts.csv`.
-2. `flgpr plan lane lanes.toml sorts.csv -o plan.csv{rule} --far {wanted.far:g}`: print `plan.html` for the crew.
+2. `flgpr plan lane lanes.toml sorts.csv -o plan.csv{rule} --far {wanted.far}`: print `plan.html` for the crew.
 3. `flgpr plan survey plan.csv plan-sheet.csv -o truth.csv`, when the crew has filled in the sheet.
 4. `flgpr seal truth.csv --lane lanes.toml -o truth.sealed{rule}`. Then move `plan*` and `truth.csv` away.
 5. `flgpr trial intake . "ACME" acme.csv` for every list: look at the page, then again with `--signed "Your Name"`.

@@ -66,7 +66,11 @@ class ReadList:
     def in_words(self) -> str:
         """Return a sentence on how many rows are used, and why the others are not."""
         n_used = len(self.used)
+        if not self.count:
+            return f"{self.vendor}'s list has no row"
         if not self.dropped:
+            if self.count == 1:
+                return f"The only row of {self.vendor}'s list is used"
             return f"All {self.count} rows of {self.vendor}'s list are used"
         number = str(n_used) if n_used else "None"
         verb = "is" if n_used == 1 else "are"
@@ -114,6 +118,9 @@ class Intake:
     read: ReadList
     page: Path
     line: dict[str, Any] | None  #: of the register; None where nobody signed
+    replaced: (
+        dict[str, Any] | None
+    )  #: of the signed list whose place it takes; None where there is none
 
 
 def read_vendor_list(

@@ -184,7 +184,7 @@ def read_register(path: str | Path) -> list[Entries]:
     Raises
     ------
     ValueError
-        If a line was altered, removed or added; the error names the first.
+        If a line was altered, removed or added; the error names the first. If it is another file.
     """
     file = Path(path)
     texts, unfinished = read_log(file, _PATIENCE)
@@ -193,6 +193,8 @@ def read_register(path: str | Path) -> list[Entries]:
         last = _fitting(unfinished, lines)
         if last is not None:  # complete but for the end of its line
             lines.append(last)
+        else:
+            _require_begin(file, unfinished, lines)
     return lines
 
 
@@ -326,13 +328,18 @@ def _finish_torn(file: Path, log: AppendLog, lines: list[Entries]) -> None:
         log.append(log.torn)
         lines.append(last)
         return
-    if not lines and not _LINE_BEGIN.startswith(log.torn[: len(_LINE_BEGIN)]):
-        raise ValueError(f"register {file} must be a register, got another file")
+    _require_begin(file, log.torn, lines)
     warnings.warn(
         f"register {file}: {len(log.torn)} bytes of an unfinished line {len(lines) + 1} were "
         "dropped; nobody was told that it was entered",
         stacklevel=3,
     )
+
+
+def _require_begin(file: Path, torn: bytes, lines: Sequence[Entries]) -> None:
+    """Refuse a file that holds nothing but what is no beginning of a line of a register."""
+    if not lines and not _LINE_BEGIN.startswith(torn[: len(_LINE_BEGIN)]):
+        raise ValueError(f"register {file} must be a register, got another file")
 
 
 def before_opening(lines: Sequence[Entries]) -> Sequence[Entries]:

@@ -159,6 +159,10 @@ def mines_needed(pd: float, misses: int, confidence: float = 0.95) -> int:
     is_shown = bisect_left(
         numbers, True, key=lambda mines: _at_most(misses, mines, 1 - pd) <= 1 - confidence
     )
+    if is_shown == len(numbers):
+        raise ValueError(
+            f"pd must be so low that at most {_MOST_MINES:.0e} mines show it, got {pd}"
+        )
     return numbers[is_shown]
 
 
@@ -197,7 +201,10 @@ def area_needed(far: float, false_alarms: int, confidence: float = 0.95) -> floa
         raise ValueError(
             f"far must be positive and false_alarms not negative, got {far} and {false_alarms}"
         )
-    return float(special.gammaincinv(false_alarms + 1, confidence) / far)
+    area = float(special.gammaincinv(false_alarms + 1, confidence)) / float(far)
+    if math.isinf(area):
+        raise ValueError(f"far must be so high that a finite area shows it, got {far}")
+    return area
 
 
 def emplacement_plan(
@@ -236,6 +243,8 @@ def emplacement_plan(
     counts = _check_targets(targets)
     if not (spacing >= 0 and edge >= 0):
         raise ValueError(f"spacing and edge must not be negative, got {spacing} m and {edge} m")
+    if seed < 0:
+        raise ValueError(f"seed must not be negative, got {seed}")
     lanes = as_lanes(lane)
     rng = np.random.default_rng(seed)
     rows = targets.loc[targets.index.repeat(counts)].drop(columns="count").reset_index(drop=True)
@@ -259,7 +268,7 @@ def _check_targets(targets: pd.DataFrame) -> IntArray:
         raise ValueError(
             f"targets must have the columns kind, depth, count; missing: {', '.join(missing)}"
         )
-    taken = [name for name in ("target_id", "x", "y", "lane") if name in targets.columns]
+    taken = [name for name in ("target_id", "x", "y", "lane", "book") if name in targets.columns]
     if taken:
         raise ValueError(
             f"targets must not have columns that are drawn here, got {', '.join(taken)}"
@@ -267,6 +276,10 @@ def _check_targets(targets: pd.DataFrame) -> IntArray:
     counts = floats(pd.to_numeric(targets["count"], errors="coerce"))
     if len(counts) == 0 or not ((counts >= 1) & (counts == np.floor(counts))).all():
         raise ValueError(f"targets.count must be whole and positive, got {counts.tolist()}")
+    if counts.sum() > _MOST:
+        raise ValueError(
+            f"targets.count must come to at most {_MOST} targets, got {counts.sum():g}"
+        )
     for depth in targets["depth"]:
         if not isinstance(depth, Real) or not math.isfinite(depth):
             raise ValueError(f"targets.depth must be finite numbers (m), got {depth!r}")

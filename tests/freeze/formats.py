@@ -313,7 +313,7 @@ def values(folder: Path) -> dict:
         "snapshot": {"about": json_digest(snapshot.about), "arrays": _digests(snapshot)},
         "scan": {"header": frame.header, "payload": digest(frame.payload)},
         "description": json_digest(read_description(folder / "incoming").as_json()),
-        "register": json.loads(flgpr(*check, "--json")),
+        "register": json.loads(flgpr(*check, "--json").replace(str(folder), "")),
         "verdicts": read_verdicts(folder / "verdicts.json"),
     }
 

@@ -104,15 +104,32 @@ def test_a_feed_rehearses_what_a_radar_gets_wrong(home, tmp_path):
     for wrong, words in (
         ({"count": -5}, "count must be a scan or more, got -5"),
         ({"lead": -1.0}, "lead must not be negative"),
+        ({"lead": FAST}, "lead must not be negative, and a day at most .* got inf"),
+        ({"rate": 1e-308}, "rate must be positive, got 1e-308: a scan a day is the least"),
+        ({"tcp": "5601"}, "feed needs one of a folder, .* got 2 of them"),
+        (
+            {"faults": ["late:5:1000000"]},
+            rf"fault must end .* \(late:5 has {SCANS - 5} to the end\), got late:5:1000000",
+        ),
         ({"faults": ["lost:5:0"]}, "fault must be of a scan or more, got 'lost:5:0'"),
     ):
         with pytest.raises(ValueError, match=words):
-            feed(home / "run.zarr", tmp_path / "other", FAST, **wrong)
+            feed(home / "run.zarr", tmp_path / "other", **{"rate": FAST, **wrong})
     with pytest.raises(
         ValueError, match=rf"a scan that is played \(0 to {SCANS - 1}\), got {SCANS}"
     ):
         feed(home / "run.zarr", tmp_path / "other", FAST, faults=[f"nan:{SCANS}"])
     assert not (tmp_path / "other").exists()
+
+
+def test_what_is_left_of_an_earlier_play_is_told(home, tmp_path, caplog):
+    caplog.set_level("INFO")
+    feed(home / "run.zarr", tmp_path / "in", FAST, count=3)
+    assert not caplog.text
+    feed(home / "run.zarr", tmp_path / "in", FAST, faults=["lost:1:2"])
+    assert "in holds 3 scans of an earlier play: what is not played again stays" in caplog.text
+    feed(home / "run.zarr", tmp_path / "in", FAST)
+    assert f"in holds {SCANS} scans and the end of an earlier play" in caplog.text
 
 
 def test_a_late_scan_is_played_after_those_that_overtake_it(home, tmp_path):

@@ -54,6 +54,8 @@ def test_a_sample_size_is_told_in_words():
     believed = ["--true-pd", "0.97", "--true-far", "0.005"]
     words = CliRunner().invoke(app, ["plan", "mines", *believed]).stdout
     assert len(words.splitlines()) == 5
+    words = CliRunner().invoke(app, ["plan", "mines", "--far", "10"]).stdout
+    assert "  1 m² of ground" in words, "0.3 m² are no 0 m²"
 
 
 @pytest.mark.parametrize(

@@ -118,6 +118,11 @@ def test_why_no_row_of_a_list_is_used_is_told():
         taken.require_clear()
 
 
+def test_a_list_of_one_row_or_none_is_told_in_words():
+    assert read("x,y,confidence\n0,10,1\n").in_words() == "The only row of ACME's list is used"
+    assert read("x,y,confidence\n").in_words() == "ACME's list has no row"
+
+
 def test_rows_of_no_lane_of_the_test_are_dropped():
     lanes = {"a": Lane(-2, 2, 0, 60), "b": Lane(-2, 2, 0, 60)}
     taken = read("lane,x,y,confidence\na,0,10,1\nc,0,10,2\nb,0,20,3\n", lanes)

@@ -397,7 +397,19 @@ def test_the_command_checks_a_register_beside_reports_and_a_witness(tmp_path, tr
     ]
     ran = CliRunner().invoke(app, check)
     assert ran.exit_code == 0, ran.output
-    assert "knows 3 of them" in ran.output
+    assert f"{tmp_path / 'score'} knows 3 of them" in ran.output
+    assert f"{witness} knows 3 of them" in ran.output
+    told = json.loads(CliRunner().invoke(app, [*check, "--json"]).stdout)
+    assert [line["event"] for line in told["events"]] == ["", "recipe", "truth opened"]
+    for other, words in (
+        ("nobody.jsonl", "witness not found"),
+        ("empty.jsonl", "witness must know lines of"),
+        (str(book), "witness must be another file than the register"),
+    ):
+        (tmp_path / "empty.jsonl").touch()
+        ran = CliRunner().invoke(app, [*check[:5], "--witness", str(tmp_path / other)])
+        assert ran.exit_code == 2
+        assert words in ran.output
     assert (
         "only --report or --witness shows"
         in CliRunner().invoke(app, ["plan", "check", str(book)]).output
@@ -488,3 +500,16 @@ def test_a_file_that_is_no_register_stays_as_it_is(text, is_link, tmp_path):
         register(book, event="plan")
     assert notes.read_text() == text
     assert book.read_text() == text
+
+
+def test_what_is_no_line_of_a_register_is_told(tmp_path):
+    (tmp_path / "other").write_text("no register")
+    with pytest.raises(ValueError, match="must be a register, got another file"):
+        read_register(tmp_path / "other")
+    register(tmp_path / "book", event="plan")
+    with (tmp_path / "book").open("a") as file:
+        file.write('{"half')
+    told = CliRunner().invoke(app, ["plan", "check", str(tmp_path / "book")])
+    assert told.exit_code == 0, told.output
+    assert "book: 6 bytes of an unfinished line at the end are left out" in told.output
+    assert "book: 1 lines, each fits" in told.output

@@ -79,10 +79,14 @@ def test_plans_that_cannot_be_are_named(change, message):
 def test_sizes_check_their_arguments():
     with pytest.raises(ValueError, match="pd must lie"):
         mines_needed(1.0, 0)
+    with pytest.raises(ValueError, match=r"pd must be so low .* got 0\.99999"):
+        mines_needed(1.0 - 1e-15, 0)
     with pytest.raises(ValueError, match="misses must not"):
         mines_needed(0.9, -1)
     with pytest.raises(ValueError, match="far must be positive"):
         area_needed(math.nan, 0)
+    with pytest.raises(ValueError, match=r"far must be so high .* got 1e-320"):
+        area_needed(1e-320, 0)
 
 
 @settings(max_examples=40, deadline=None)
@@ -122,7 +126,10 @@ def test_places_are_uniform_and_kinds_are_dealt_at_random():
         ({"targets": SORTS.assign(count=1.5)}, "whole and positive"),
         ({"targets": SORTS.assign(count="many")}, "whole and positive"),
         ({"targets": SORTS.iloc[:0]}, "whole and positive"),
+        ({"targets": SORTS.assign(count=1e300)}, "at most 100000 targets, got 2e"),
         ({"targets": SORTS.assign(x=1.0)}, "columns that are drawn here, got x"),
+        ({"targets": SORTS.assign(book="no.jsonl")}, "columns that are drawn here, got book"),
+        ({"seed": -1}, "seed must not be negative, got -1"),
         ({"spacing": -1.0}, "spacing and edge must not"),
         ({"spacing": 50.0}, "found room for"),
         ({"edge": 2.0}, "edge must leave ground"),

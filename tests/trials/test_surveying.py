@@ -67,7 +67,8 @@ def test_what_was_emplaced_takes_the_place_of_the_plan(trial, book):
         "emplaced_5": "No",
     }
     truth, line = survey_plan(trial / "plan.csv", fill_in(trial, **changes), trial / "truth.csv")
-    assert (line["moved"], line["largest_offset"], line["left_out"]) == (1, 0.05, 1)
+    counted = [line[name] for name in ("moved", "largest_offset", "other_depth", "left_out")]
+    assert counted == [1, 0.05, 1, 1]
     want = plan.copy()
     want.loc[2, ["x", "y"]] = np.round([x, y], 3)
     want.loc[4, "depth"] = 0.07
@@ -99,6 +100,10 @@ def test_what_was_emplaced_takes_the_place_of_the_plan(trial, book):
             "T4: emplaced must be yes or no, got ''; T6: emplaced_depth_m must be within 1 m",
         ),
         (
+            {"x_m_3": "9.5", "depth_m_5": "0.9"},
+            "T4: x_m must stay the planned .* goes into emplaced_x_m, got 9.5; T6: depth_m must stay",
+        ),
+        (
             {"target_id_3": "T9"},
             "each target of the plan once and no other, got 1 × T9",
         ),
@@ -120,3 +125,27 @@ def test_a_sheet_belongs_to_a_plan_that_is_registered_and_unaltered(trial, book)
     (trial / "plan.csv").write_text((trial / "plan.csv").read_text().replace("metal", "plastic"))
     with pytest.raises(ValueError, match="plan must be one that stands in"):
         survey_plan(trial / "plan.csv", filled, trial / "truth.csv")
+
+
+def test_the_first_survey_is_entered_again_after_another(trial, book):
+    surveys = []
+    for name, changes in (("1st", {}), ("2nd", {"emplaced_2": "no"}), ("3rd", {})):
+        sheet = fill_in(trial, **changes)
+        surveys.append(survey_plan(trial / "plan.csv", sheet, trial / f"{name}.csv")[1])
+    assert [line["number"] for line in surveys] == [2, 3, 4], "the last survey counts"
+    assert survey_plan(trial / "plan.csv", sheet, trial / "3rd.csv")[1]["number"] == 4
+    assert len(read_register(book)) == 4
+
+
+def test_a_target_outside_the_lane_is_told(trial, caplog):
+    caplog.set_level("INFO")
+    x, y = read_table(trial / "plan.csv", "truth")[["x", "y"]].iloc[2] + [10.0, 0.0]
+    sheet = fill_in(trial, emplaced_x_m_2=f"{x:.3f}", emplaced_y_m_2=f"{y:.3f}")
+    survey_plan(trial / "plan.csv", sheet, trial / "truth.csv", within=20.0)
+    assert "filled.csv: 1 of 8 targets lie outside the lane" in caplog.text
+
+
+@pytest.mark.parametrize("within", [np.nan, np.inf, -1.0])
+def test_a_difference_that_is_believed_has_bounds(trial, within):
+    with pytest.raises(ValueError, match="within must be finite and not negative"):
+        survey_plan(trial / "plan.csv", fill_in(trial), trial / "truth.csv", within=within)

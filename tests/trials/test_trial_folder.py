@@ -68,6 +68,8 @@ def test_a_folder_is_begun_once_and_its_requirement_is_registered(tmp_path):
         trial_new(home)
     with pytest.raises(ValueError, match=r"requirement.confidence: .*got 0.3"):
         trial_new(tmp_path / "other", confidence=0.3)
+    with pytest.raises(ValueError, match="pd must be finite, got nan"):
+        trial_new(tmp_path / "other", pd_claim=float("nan"))
     assert not (tmp_path / "other").exists()
     text = (home / "trial.toml").read_text()
     (home / "trial.toml").write_text(text.replace("0.8", "0.7"))
@@ -87,6 +89,17 @@ def test_plan_and_seal_find_the_register_and_keep_the_requirement(tmp_path):
     assert not (home / "plan.csv").exists()
     plan_lane(*paths, 1, halo=0.5, far=0.02)
     assert [line["event"] for line in read_register(home / "register.jsonl")] == ["trial", "plan"]
+
+
+def test_the_commands_of_the_readme_state_numbers_in_full(tmp_path):
+    home = tmp_path / "t"
+    trial_new(home, far=0.123456789, halo=1.2345678, lane=short_lane(home))
+    (home / "sorts.csv").write_text("kind,depth,count\nmetal,0.05,3\n")
+    command = (home / "README.md").read_text().split("`flgpr plan lane ")[1].split("`")[0]
+    is_file = (".toml", ".csv")
+    words = [str(home / word) if word.endswith(is_file) else word for word in command.split()]
+    told = CliRunner().invoke(app, ["plan", "lane", *words])
+    assert told.exit_code == 0, told.output
 
 
 def test_too_few_mines_are_told_before_lists_come(tmp_path):
@@ -150,6 +163,23 @@ def test_from_intake_to_verdict(trial):
     assert len(looks) == 4
 
 
+def test_a_list_that_takes_the_place_of_a_signed_one_says_so_and_may_go_back(trial):
+    assert take_in(trial).replaced is None
+    words = ["trial", "intake", str(trial), "ACME", str(trial.parent / "globex.csv")]
+    told = CliRunner().invoke(app, words).stdout
+    assert "it takes the place of the list that A. Director signed, line 5\nnot signed" in told
+    second = take_in(trial, name="globex.csv")
+    assert (second.line["number"], second.replaced["number"]) == (6, 5)
+    back = take_in(trial)
+    assert (back.line["number"], back.replaced["number"]) == (7, 6), "the last line counts"
+    assert take_in(trial, signed=None).line == back.line, "it is signed already"
+    assert trial_verdict(trial, passphrase=PHRASE).points["n_detected"].tolist() == [9]
+    told = CliRunner().invoke(app, ["trial", "verdict", str(trial)]).stdout
+    assert told.startswith("At the registered 0.05 per m²: ACME 9 of 9; "), (
+        "a verdict that is there"
+    )
+
+
 @pytest.mark.parametrize("name", ["acme.csv", "acme.used.csv"])
 def test_a_list_that_was_changed_after_it_was_signed_is_refused(trial, name):
     take_in(trial)
@@ -205,6 +235,18 @@ def test_without_a_signed_list_there_is_no_verdict(trial):
     take_in(trial)
     with pytest.raises(FileNotFoundError, match="sealed truth not found"):
         trial_verdict(trial, passphrase=nobody)
+
+
+@pytest.mark.parametrize("name", ["verdict.html", "verdict.json"])
+def test_a_verdict_that_cannot_be_written_costs_no_look(trial, name):
+    take_in(trial)
+    count = len(read_register(trial / "register.jsonl"))
+    for make in ((trial / name).mkdir, lambda: (trial / name).symlink_to(trial / "elsewhere")):
+        make()
+        with pytest.raises(FileExistsError, match=name):
+            trial_verdict(trial, passphrase=nobody)
+        (trial / name).unlink() if (trial / name).is_symlink() else (trial / name).rmdir()
+    assert len(read_register(trial / "register.jsonl")) == count
 
 
 def test_a_truth_that_nobody_planned_is_sealed_with_the_trial(tmp_path):

@@ -145,6 +145,33 @@ def test_nothing_is_written_beside_a_register_that_is_altered_or_closed(home):
     assert not (home / "plan.csv").exists()
 
 
+def test_papers_of_a_plan_that_are_gone_are_written_again_and_the_others_stay(home):
+    call = ["plan", "lane", *(str(home / name) for name in ("lane.toml", "sorts.csv"))]
+    call += ["-o", str(home / "plan.csv")]
+    assert CliRunner().invoke(app, call).stdout.count("wrote") == 3
+    page = (home / "plan.html").read_bytes()
+    (home / "plan.html").unlink()
+    (home / "plan-sheet.csv").write_text("filled in\n")
+    told = CliRunner().invoke(app, call)
+    assert told.exit_code == 0, told.output
+    assert re.findall(r"wrote (.*)", told.output) == [str(home / "plan.html")]
+    assert (home / "plan.html").read_bytes() == page
+    assert (home / "plan-sheet.csv").read_text() == "filled in\n"
+
+
+def test_a_plan_that_was_stopped_is_finished_and_no_copy_of_it_stays(home):
+    files = [home / name for name in ("lane.toml", "sorts.csv", "plan.csv")]
+    plan_lane(*files, 5)
+    for path in (*home.glob("plan-sheet*"), *home.glob("plan.html"), *home.glob("*.jsonl")):
+        path.unlink()
+    partial = home / ".partial-plan.csv"  # as a kill leaves it
+    partial.mkdir()
+    (partial / "plan.csv").write_bytes((home / "plan.csv").read_bytes())
+    plan_lane(*files, 5)
+    assert not partial.exists()
+    assert (home / "plan-sheet.csv").exists()
+
+
 def test_a_seed_is_drawn_and_stands_nowhere_but_on_the_terminal(home):
     told = CliRunner().invoke(
         app,

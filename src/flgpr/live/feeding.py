@@ -32,9 +32,18 @@ from flgpr.store import (
     write_description,
     write_whole,
 )
-from flgpr.store.scan_file import END_FILE, RUN_FILE, description_text, scan_name, stored_scan
+from flgpr.store.notes import log_note
+from flgpr.store.scan_file import (
+    END_FILE,
+    RUN_FILE,
+    SCAN_SUFFIX,
+    description_text,
+    scan_name,
+    stored_scan,
+)
 from flgpr.types import PathLike
 
+_LONGEST_WAIT = 86_400.0  # s, before a scan
 FAULTS = ("lost", "late", "twice", "nan", "jump")
 _JUMP = 45.0  # m along the lane, by which a position is wrong that jumps
 
@@ -143,11 +152,13 @@ def feed(
         If an argument is not valid, or the folder or socket cannot be used.
     """
     parsed_faults = [Fault.parse(text) for text in faults]
-    if not rate > 0:
-        raise ValueError(f"rate must be positive, got {rate}")
+    if not rate >= 1 / _LONGEST_WAIT:
+        raise ValueError(f"rate must be positive, got {rate:g}: a scan a day is the least")
     targets = [target for target in (folder, socket_path, tcp) if target is not None]
     if len(targets) != 1:
-        raise ValueError("feed needs one of a folder, a socket and a TCP address")
+        raise ValueError(
+            f"feed needs one of a folder, a socket and a TCP address, got {len(targets)} of them"
+        )
     if secret_file is not None and tcp is None:
         raise ValueError(f"secret-file goes with a TCP address, got {secret_file}")
     address = None if tcp is None else parse_tcp(tcp)
@@ -159,14 +170,21 @@ def feed(
         raise ValueError(f"first must be a scan of the run (0 to {total - 1}), got {first}")
     if count is not None and count < 1:
         raise ValueError(f"count must be a scan or more, got {count}")
-    if not lead >= 0:
-        raise ValueError(f"lead must not be negative (s), got {lead:g}")
+    if not 0 <= lead <= _LONGEST_WAIT:
+        raise ValueError(
+            f"lead must not be negative, and a day at most ({_LONGEST_WAIT:g} s), got {lead:g}"
+        )
     last = total if count is None else min(first + count, total)
     for fault in parsed_faults:
         if not first <= fault.scan < last:
             raise ValueError(
                 f"fault must begin with a scan that is played ({first} to {last - 1}), "
                 f"got {fault.scan}"
+            )
+        if fault.count > last - fault.scan:
+            raise ValueError(
+                f"fault must end with a scan that is played ({fault.kind}:{fault.scan} has "
+                f"{last - fault.scan} to the end), got {fault.kind}:{fault.scan}:{fault.count}"
             )
 
     sink: _FolderSink | _SocketSink
@@ -238,6 +256,14 @@ class _FolderSink(AbstractContextManager["_FolderSink"]):
             raise ValueError(
                 f"folder must be empty or hold the same run, "
                 f"got {self._folder} with another {RUN_FILE}"
+            )
+        names = {path.name for path in self._folder.iterdir()}
+        earlier = sum(name.endswith(SCAN_SUFFIX) for name in names)
+        if earlier:
+            end = " and the end" if END_FILE in names else ""
+            log_note(
+                f"{self._folder} holds {earlier} scans{end} of an earlier play: "
+                "what is not played again stays there"
             )
 
     def scan(self, number: int, frame: bytes, is_repeat: bool) -> None:

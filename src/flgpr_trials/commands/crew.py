@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import secrets
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -30,6 +31,7 @@ CREW_COLUMNS = ("emplaced", "emplaced_x_m", "emplaced_y_m", "emplaced_depth_m", 
 _TEXT_COLUMNS = ("target_id", "lane", "emplaced", "remark")
 _YES = ("yes", "y", "x", "1", "true")
 _NO = ("no", "n", "0", "false")
+_REWRITTEN = 0.01  # m: spreadsheets round what they write again
 _SHOWN_SLIPS = 8  # of a sheet that an error lists
 
 
@@ -65,15 +67,17 @@ def drawn_plan(
 def write_papers(
     plan: pd.DataFrame,
     lanes: LaneLike,
+    path: Path,
     files: Mapping[str, Path],
     digest: str,
     anchor: Anchor | None,
 ) -> None:
-    """Write the crew's sheet and page."""
+    """Write the crew's sheet and page of the plan at ``path``, those that ``files`` name."""
     sheet = _crew_sheet(plan, anchor)
-    write_new(files["sheet"], csv_text(sheet))
-    page = sheet_html(sheet, as_lanes(lanes), files["plan"].name, digest, anchor)
-    write_new(files["page"], page)
+    if "sheet" in files:
+        write_new(files["sheet"], csv_text(sheet))
+    if "page" in files:
+        write_new(files["page"], sheet_html(sheet, as_lanes(lanes), path.name, digest, anchor))
 
 
 def existing_plan(path: Path, drawn: pd.DataFrame, seed: int | None) -> pd.DataFrame:
@@ -133,15 +137,18 @@ def _crew_sheet(plan: pd.DataFrame, anchor: Anchor | None) -> pd.DataFrame:
 
 def read_sheet(
     sheet: PathLike, planned: pd.DataFrame, within: float
-) -> tuple[pd.DataFrame, FloatArray]:
-    """Read what was emplaced, and how far each target lies from its plan, m.
+) -> tuple[pd.DataFrame, FloatArray, FloatArray]:
+    """Read what was emplaced, and how far each target lies from its plan, along and in depth, m.
 
     Targets have the positions and depths that the crew recorded.
     """
+    if not (math.isfinite(within) and within >= 0):
+        raise ValueError(f"within must be finite and not negative (m), got {within:g}")
     path = existing(sheet, "sheet")
     with faults_of(path):
         recorded = _recorded_rows(read_columns(path, *_TEXT_COLUMNS), planned)
         is_emplaced, slips = _ticked(recorded)
+        slips += _changed_plan(recorded, planned)
         values = {}
         for name in ("x", "y", "depth"):
             values[name], of_name = _recorded_values(name, planned, recorded, within)
@@ -156,8 +163,10 @@ def read_sheet(
         truth = check_truth(planned.assign(**values)[is_emplaced].reset_index(drop=True))
         if truth.empty:
             raise ValueError("sheet must have a target that was emplaced, got none")
-    step = values["x"] - planned["x"], values["y"] - planned["y"]
-    return truth, np.hypot(*step).to_numpy()[is_emplaced]
+    x_step, y_step, depth_step = (
+        (values[name] - floats(planned[name]))[is_emplaced] for name in ("x", "y", "depth")
+    )
+    return truth, np.hypot(x_step, y_step), np.abs(depth_step)
 
 
 def _recorded_rows(sheet: pd.DataFrame, plan: pd.DataFrame) -> pd.DataFrame:
@@ -192,6 +201,23 @@ def _ticked(recorded: pd.DataFrame) -> tuple[BoolArray, list[str]]:
     for target, tick in ticks[~ticks.isin((*_YES, *_NO))].items():
         slips.append(f"{target}: emplaced must be yes or no, got {tick!r}")
     return ticks.isin(_YES).to_numpy(), slips
+
+
+def _changed_plan(recorded: pd.DataFrame, plan: pd.DataFrame) -> list[str]:
+    """Return where a sheet has other planned values than the plan: they would count for nothing."""
+    slips = []
+    for name in ("x", "y", "depth"):
+        if f"{name}_m" not in recorded:
+            continue
+        cells = recorded[f"{name}_m"]
+        planned = plan[name].set_axis(cells.index)
+        is_other = (pd.to_numeric(cells, errors="coerce") - planned).abs() > _REWRITTEN
+        for target in cells.index[is_other]:
+            slips.append(
+                f"{target}: {name}_m must stay the planned {planned[target]:g} m, what was emplaced "
+                f"goes into emplaced_{name}_m, got {cells[target]}"
+            )
+    return slips
 
 
 def _recorded_values(

@@ -10,12 +10,12 @@ from typing import Any
 
 import flgpr
 from flgpr.commands.score_output import write_score_files
-from flgpr.door import MOST_JSON, read_named
+from flgpr.door import MOST_JSON, read_named, refuse_links
 from flgpr.json_text import parse_json
 from flgpr.results.score import score_json_text
 from flgpr.scoring import Rules, as_lanes
 from flgpr.store.files import existing
-from flgpr.store.outputs import OVERWRITE, log_finished
+from flgpr.store.outputs import OVERWRITE, log_finished, output_exists_error
 from flgpr.store.tables import parse_own_table
 from flgpr_trials.blind import Registration, match_blind
 from flgpr_trials.folder import USED_ROWS, SignedList, TrialFolder, open_trial, used_rows
@@ -53,6 +53,8 @@ def give_verdict(home: Path, passphrase: Phrase, overwrite: bool = False) -> Ver
         If there is no signed list, one is not signed or was changed, or the truth was sealed by other rules.
     FileNotFoundError
         If there is no trial or no sealed truth.
+    FileExistsError
+        If a folder or a symbolic link has the name of one of the files.
     """
     require_seal()
     trial = open_trial(home)
@@ -61,6 +63,11 @@ def give_verdict(home: Path, passphrase: Phrase, overwrite: bool = False) -> Ver
     if not overwrite and _is_given(trial, lists, sealed):
         log_finished(trial.home / VERDICT_FILES[0], f"{OVERWRITE}, which is another look")
         return None
+    # Before a look is entered that nobody could read.
+    for name in VERDICT_FILES:
+        refuse_links(trial.home / name)
+        if (trial.home / name).is_dir():
+            raise output_exists_error(trial.home / name)
 
     day = datetime.now(UTC).date().isoformat()
     phrase = cache(passphrase) if callable(passphrase) else passphrase

@@ -27,8 +27,9 @@ def _mines_lines(plan: SamplePlan, call: Arguments) -> Iterator[str]:
     confidence = f"{100 * call.confidence:g} % each"
     yield f"To show Pd >= {call.pd_claim:g} at FAR <= {call.far:g} per m² with {confidence}:"
     yield f"  {plan.mines} mines, of which at most {plan.misses} may be missed"
+    # Rounded up: less ground would not show it.
     yield (
-        f"  {plan.area:.0f} m² of ground outside the halos, "
+        f"  {math.ceil(plan.area)} m² of ground outside the halos, "
         f"with at most {plan.false_alarms} false alarms"
     )
     if call.true_pd is not None:
@@ -89,11 +90,10 @@ def plan_mines(
 
 def _lane_lines(returned: tuple[pd.DataFrame, Entries], call: Arguments) -> Iterator[str | Path]:
     """Yield the files, the seed and the time of the register line."""
-    from flgpr_trials.commands.crew import plan_files
     from flgpr_trials.folder import too_few_mines
 
     plan, line = returned
-    yield from plan_files(call.output, call.anchor is not None).values()
+    yield from plan.attrs["written"]
     seed = plan.attrs["seed"]
     origin = "of a seed that was not kept" if seed is None else f"seed {seed}"
     yield f"{len(plan)} targets, {origin}; registered {line['time']}"
@@ -157,7 +157,8 @@ def plan_lane(
     Returns
     -------
     plan, line
-        The table, whose ``attrs`` have the seed, and the line of the register.
+        The table, whose ``attrs`` have the seed and the files that were ``written``, and the line
+        of the register.
 
     Raises
     ------
@@ -170,17 +171,18 @@ def plan_lane(
     Notes
     -----
     The files are those of :func:`flgpr_trials.commands.crew.plan_files`. Who can guess the seed has
-    the plan. A plan that was drawn of the same inputs is left as it is; one that was stopped before
-    it was registered is finished.
+    the plan. A plan that was drawn of the same inputs is left as it is, and so are its papers, but
+    those that are gone are written again; one that was stopped before it was registered is finished.
     """
     from flgpr.commands.exports import Wish, write_export
     from flgpr.commands.positions import read_optional_anchor
     from flgpr.commands.reach import tell_doubts
     from flgpr.commands.scoring import borders, read_lanes
+    from flgpr.door import read_named
     from flgpr.geo.points import require_one_lane
     from flgpr.store.extras import optional
     from flgpr.store.files import check_new
-    from flgpr.store.outputs import log_finished, output_exists_error, write_new
+    from flgpr.store.outputs import atomic_output, log_finished, output_exists_error, write_new
     from flgpr.store.writing import csv_text
     from flgpr_trials.commands import crew
     from flgpr_trials.commands.scores import recipe_hash
@@ -220,14 +222,20 @@ def plan_lane(
     lines = read_register(register)
     require_trial_rules(lines, rules, register)
 
+    registered = None
     if os.path.lexists(path):
         plan = crew.existing_plan(path, plan, seed)
         entry["plan"] = content_hash(path)
         registered = crew.line_of_plan(lines, entry, path)
-        if registered is not None:
+        if registered is None:
+            require_unopened(lines, too_late)
+            # Written over, for what a killed process left beside it goes then: a hidden copy of it.
+            with atomic_output(path, replace=True) as temporary:
+                temporary.write_bytes(read_named(path))
+        else:
             log_finished(path, "choose another name for another plan")
-            return plan, registered
-        require_unopened(lines, too_late)
+            # The crew may have filled in its sheet.
+            files = {name: file for name, file in files.items() if not os.path.lexists(file)}
     else:
         # A plan without its papers, or papers of another plan, would mislead the crew.
         for file in files.values():
@@ -236,10 +244,13 @@ def plan_lane(
         write_new(path, csv_text(plan))
         entry["plan"] = content_hash(path)
 
-    crew.write_papers(plan, lanes, files, entry["plan"], lane_anchor)
+    crew.write_papers(plan, lanes, path, files, entry["plan"], lane_anchor)
     for kind in ("gpkg", "gpx"):
         if kind in files:
             write_export(Wish(path, files[kind], kind, anchor))
+    plan.attrs["written"] = list(files.values())
+    if registered is not None:
+        return plan, registered
 
     def entry_unless_opened(lines_now: list[Entries]) -> Entries:
         require_unopened(lines_now, too_late)
@@ -307,16 +318,18 @@ def _check_lines(returned: CheckedRegister, call: Arguments) -> Iterator[str]:
     yield f"{call.book}: {len(lines)} lines, each fits the one before; the last is {last}"
     for name, head in heads.items():
         yield f"{name} knows {head['lines']} of them"
-    if not heads and call.witness is None:
+    if not heads:
         yield "only --report or --witness shows whether lines are missing at the end"
 
 
 def _check_json(returned: CheckedRegister, _: Arguments) -> Entries:
-    """Return the head of a register and those that reports know."""
+    """Return the lines and the head of a register, and the heads that reports and a witness know."""
     from flgpr_trials.ledger import head_of
 
     lines, heads = returned
-    return head_of(lines) | {"reports": {str(name): head for name, head in heads.items()}}
+    events = [{name: line.get(name, "") for name in ("number", "time", "event")} for line in lines]
+    known = {str(name): head for name, head in heads.items()}
+    return head_of(lines) | {"events": events, "reports": known}
 
 
 @command(lines=_check_lines, as_json=_check_json, quiet=False)
@@ -341,23 +354,41 @@ def check_register(
     Returns
     -------
     lines, heads
-        The register's lines; and by report how many lines it knows, and the last one's hash.
+        The register's lines; and by report, and by witness, how many lines it knows, and the last
+        one's hash.
 
     Raises
     ------
     ValueError
         If a line was altered, or one that the witness or a report knows is missing; it names the
-        line.
+        line. If the witness knows no line.
+    FileNotFoundError
+        If the register or the witness is missing.
     """
+    from flgpr.append_log import read_log
+    from flgpr.store.files import existing
+    from flgpr.store.notes import log_note
     from flgpr_trials.commands.scores import (
         heads_of_reports,
         read_existing_register,
         with_witness,
     )
+    from flgpr_trials.ledger import read_register
 
     register = with_witness(book, witness)
     lines = read_existing_register(register)
-    return lines, heads_of_reports(lines, register, one_or_more(report))
+    complete, unfinished = read_log(Path(book))
+    if unfinished and len(complete) == len(lines):
+        log_note(f"{book}: {len(unfinished)} bytes of an unfinished line at the end are left out")
+    heads = heads_of_reports(lines, register, one_or_more(report))
+    if witness is not None:
+        # Those that fit the register; that it lacks none of them has been checked.
+        known = read_register(existing(witness, "witness"))
+        records = [record for record in known if lines and record.get("of") == lines[0]["hash"]]
+        if not records:
+            raise ValueError(f"witness must know lines of {book}, got {witness}, which knows none")
+        heads[witness] = {name: records[-1][name] for name in ("lines", "head")}
+    return lines, heads
 
 
 def _survey_lines(returned: tuple[pd.DataFrame, Entries], call: Arguments) -> Iterator[str | Path]:
@@ -368,7 +399,8 @@ def _survey_lines(returned: tuple[pd.DataFrame, Entries], call: Arguments) -> It
     yield call.output
     yield (
         f"{len(truth)} targets, {line['moved']} of them moved by at most "
-        f"{line['largest_offset']:.3f} m; {line['left_out']} not emplaced and left out; "
+        f"{line['largest_offset']:.3f} m, {line['other_depth']} at another depth than planned; "
+        f"{line['left_out']} not emplaced and left out; "
         f"registered {line['time']}"
     )
     if warning := too_few_mines(Path(call.output), len(truth)):
@@ -399,14 +431,14 @@ def survey_plan(
     Returns
     -------
     truth, line
-        The truth, and the line of the register with the number of targets that were moved and the
-        largest offset.
+        The truth, and the line of the register with the number of targets that were moved, the
+        largest offset, and how many lie at another depth than planned.
 
     Raises
     ------
     ValueError
-        If the sheet does not fit the plan, a target lies farther from its place than believed, or a
-        truth was opened under the register; nothing is written then.
+        If the sheet does not fit the plan or changes what was planned, a target lies farther from
+        its place than believed, or a truth was opened under the register; nothing is written then.
     FileExistsError
         If another file is at the output.
 
@@ -415,7 +447,9 @@ def survey_plan(
     Every row of the sheet says in ``emplaced`` yes or no. Where place or depth is empty it is as
     planned.
     """
+    from flgpr.commands.reach import tell_doubts
     from flgpr.door import read_named
+    from flgpr.scoring import as_lanes
     from flgpr.store.files import existing
     from flgpr.store.outputs import write_new
     from flgpr.store.tables import parse_table
@@ -430,14 +464,16 @@ def survey_plan(
     if path is None:
         raise ValueError(f"book must be given: {plan} names no register")
     lines = read_register(existing(path, "register"))
-    this_plan = {"event": "plan", "plan": content_hash(data)}
+    digest = content_hash(data)
+    this_plan = {"event": "plan", "plan": digest}
     plan_lines = [line for line in lines if this_plan.items() <= line.items()]
     if not plan_lines:
         raise ValueError(f"plan must be one that stands in {path}, unaltered, got {plan}")
     too_late = (
         f"what was emplaced must be entered before the truth is opened; {path} tells of an opening"
     )
-    truth, offset = read_sheet(sheet, planned, within)
+    truth, offset, depth_offset = read_sheet(sheet, planned, within)
+    tell_doubts(truth, "truth", Path(sheet).name, as_lanes(plan_lines[-1]["lanes"]))
     text = csv_text(truth)
     kept: Entries = {
         name: plan_lines[-1][name] for name in ("plan", "lanes", "rules") if name in plan_lines[-1]
@@ -447,12 +483,15 @@ def survey_plan(
         **kept,
         "moved": int((offset > 0).sum()),
         "largest_offset": round(float(offset.max()), 3),
+        "other_depth": int((depth_offset > 0).sum()),
         "left_out": len(planned) - len(truth),
         "truth": content_hash(text),
     }
-    # The same survey may have been entered, and its truth be missing: it is written again.
-    earlier = [line for line in lines if entry.items() <= line.items()]
-    if not earlier:
+    # The last survey counts. The same may have been entered, and its truth be missing: it is
+    # written again.
+    surveys = [line for line in lines if line.get("event") == "survey" and line["plan"] == digest]
+    is_entered = bool(surveys) and entry.items() <= surveys[-1].items()
+    if not is_entered:
         require_unopened(lines, too_late)
     write_new(Path(output), text)
-    return truth, earlier[-1] if earlier else enter_unopened(path, entry, too_late)
+    return truth, surveys[-1] if is_entered else enter_unopened(path, entry, too_late)

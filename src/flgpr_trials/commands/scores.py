@@ -259,6 +259,8 @@ def with_witness(register: R, witness: PathLike | None) -> R | WitnessedRegister
     """Return a register with its witness, if it has one; None where the user names no register."""
     if register is None or witness is None:
         return register
+    if Path(register).resolve() == Path(witness).resolve():
+        raise ValueError(f"witness must be another file than the register, got {witness}")
     return WitnessedRegister(Path(register), Path(witness))
 
 

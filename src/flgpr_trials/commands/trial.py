@@ -79,6 +79,9 @@ def _intake_lines(intake: Intake, _: Arguments) -> Iterator[Any]:
     for doubt in intake.read.doubts:
         yield f"  {doubt}."
     yield f"page: {intake.page.resolve()}"
+    if intake.replaced is not None:
+        before = intake.replaced
+        yield f"it takes the place of the list that {before['signed']} signed, line {before['number']}"
     if intake.line is None:
         yield 'not signed: look at the page, then give the command again with --signed "Your Name"'
     else:
@@ -96,6 +99,7 @@ def _intake_json(intake: Intake, _: Arguments) -> dict[str, Any]:
         "doubts": read.doubts,
         "page": str(intake.page),
         "signed": None if intake.line is None else intake.line["signed"],
+        "replaced_line": None if intake.replaced is None else intake.replaced["number"],
     }
 
 
@@ -190,33 +194,36 @@ def trial_intake(
     is_new = write_changed(path, data)
     is_new |= write_changed(used_rows(path), used.encode())
 
-    line = None
+    # The list itself is what fixes a detector's answer: scores ask for it as for a recipe.
+    entry = {
+        "event": "list",
+        "vendor": vendor,
+        "file": read.file,
+        "recipe": content_hash(data),
+        "used": content_hash(used),
+        "rows": [len(read.used), read.count],
+    }
     if signed is not None:
-        # The list itself is what fixes a detector's answer: scores ask for it as for a recipe.
-        entry = {
-            "event": "list",
-            "vendor": vendor,
-            "file": read.file,
-            "recipe": content_hash(data),
-            "used": content_hash(used),
-            "rows": [len(read.used), read.count],
-            "signed": signed,
-        }
-        same = [earlier for earlier in lines if entry.items() <= earlier.items()]
-        line = same[-1] if same else enter_unopened(trial.register, entry, _TOO_LATE)
+        entry["signed"] = signed
+    # The last list that a vendor's name was signed for counts, and it may be this one.
+    before = [one.line for one in trial.signed_lists(lines) if one.vendor == vendor]
+    line = replaced = before[0] if before else None
+    if line is not None and entry.items() <= line.items():
+        replaced = None
+    else:
+        line = None if signed is None else enter_unopened(trial.register, entry, _TOO_LATE)
     page = path.with_suffix(".html")
     html = intake_html(read, lanes, halo, read.facts(lanes, data), line)
     if not write_changed(page, html.encode()) and not is_new:
         log_finished(page, "another list of this vendor takes its place")
-    return Intake(read, page, line)
+    return Intake(read, page, line, replaced)
 
 
 def _verdict_lines(verdict: Verdict | None, call: Arguments) -> Iterator[Any]:
     """Yield the verdict and where its pages are."""
-    if verdict is not None:
-        yield verdict.in_words()
-        for name in ("verdict.html", "verdict.pdf"):
-            yield f"page: {(Path(call.home) / name).resolve()}"
+    yield _verdict_json(verdict, call)["verdict"]
+    for name in ("verdict.html", "verdict.pdf"):
+        yield f"page: {(Path(call.home) / name).resolve()}"
 
 
 def _verdict_json(_: Verdict | None, call: Arguments) -> Any:
