@@ -1,7 +1,8 @@
 """What poses that focus themselves are worth: loss of coherent sums and mines found, with wrong poses and focused ones.
 
 ``python evidence/pose_focus.py OUT`` simulates the roads that ``pose_focus.toml`` declares, focuses their poses under
-every condition, and writes ``OUT/errors.csv`` and ``OUT/mines.csv``. What is there is kept.
+every condition, and writes ``errors.csv`` by road, ``pose-errors.csv`` and ``pose-mines.csv`` in OUT. Runs and results
+that are there are kept.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from flgpr.store import open_run, read_table, save_run, write_table
 DECLARED = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 POSES = ("wrong", "focused", "exact")
 RECIPE = """name = "contrast"
-description = "Contrast to the surroundings of the sum of five scans, mean over the looks"
+description = "Contrast to the surroundings, mean over the looks"
 
 [image]
 x = [-2.5, 2.5]
@@ -41,7 +42,7 @@ y = [8.0, 16.0]
 spacing = 0.05
 window = "hann"
 polarizations = ["HH"]
-frames = 5
+frames = {frames}
 
 [image.subbands]
 band = [0.45e9, 1.6e9]
@@ -175,14 +176,28 @@ def focused(out: Path, site: str, condition: str) -> dict[str, Any]:
     return row | {"pairs alike": f"{fit.alike} of {fit.pairs}", "doubt": fit.doubt}
 
 
-def alarms_of(out: Path, site: str, condition: str, poses: str) -> pd.DataFrame:
-    """Return the alarms on a road with some poses."""
+def by_condition(errors: pd.DataFrame) -> pd.DataFrame:
+    """Return the mean errors and losses of every condition over its roads, as text."""
+    rows = []
+    for condition, of_roads in errors.groupby("poses", sort=False):
+        mean = of_roads.drop(columns="site").mean(numeric_only=True)
+        row = {"poses": condition}
+        row |= {name: f"{mean[name]:.1f}" for name in mean.index if name.endswith("mm")}
+        row |= {name: f"{mean[name] + 0.0:.2f}" for name in mean.index if name.endswith("dB")}
+        over = "position over its deviation"
+        row[over] = f"{of_roads[over].min():.1f} to {of_roads[over].max():.1f}"
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def alarms_of(out: Path, site: str, condition: str, poses: str, frames: int) -> pd.DataFrame:
+    """Return the alarms on a road with some poses, by the sum of so many scans."""
     home = out / site / condition.replace(" ", "-")
     run = road(out, site) if poses == "exact" else home / f"{poses}.zarr"
-    result = (out / site if poses == "exact" else home) / f"result-{poses}"
+    result = (out / site if poses == "exact" else home) / f"result-{poses}-{frames}"
     if not (result / "alarms.csv").is_file():
-        recipe = out / "recipe.toml"
-        recipe.write_text(RECIPE, "utf-8")
+        recipe = out / f"recipe-{frames}.toml"
+        recipe.write_text(RECIPE.replace("{frames}", str(frames)), "utf-8")
         detect(run, recipe=recipe, output=result, report=False, lane=lane())
     return read_table(result / "alarms.csv", "alarms").assign(lane=site)
 
@@ -193,13 +208,13 @@ def lane() -> Lane:
     return Lane(scene["x_min"], scene["x_max"], 0.0, scene["length"])
 
 
-def found(out: Path, condition: str) -> Iterator[dict[str, object]]:
+def found(out: Path, condition: str, frames: int) -> Iterator[dict[str, object]]:
     """Yield how many mines are found under a condition, by wrong, focused and exact poses."""
     truths, lanes = [], {}
     lists: dict[str, list[pd.DataFrame]] = {poses: [] for poses in POSES}
     for site in DECLARED["sites"]:
         for poses in POSES:
-            lists[poses].append(alarms_of(out, site, condition, poses))
+            lists[poses].append(alarms_of(out, site, condition, poses, frames))
         world = draw_world(scene_of(site), DECLARED["seed"])
         truths.append(world.truth().assign(lane=site))
         lanes[site] = lane()
@@ -211,7 +226,7 @@ def found(out: Path, condition: str) -> Iterator[dict[str, object]]:
     compared = side_by_side(matches, DECLARED["fars"], means=False)
     points = compared.points.set_index(["detector", "far_allowed"])
     for far in DECLARED["fars"]:
-        row: dict[str, object] = {"poses": condition, "at false alarms per m²": far}
+        row: dict[str, object] = {"scans summed": frames, "poses": condition, "per m²": far}
         for poses in POSES:
             point = points.loc[(poses, far)]
             row[poses] = with_share(int(point["n_detected"]), int(point["n_targets"]))
@@ -241,10 +256,13 @@ def main() -> None:
             errors.append(focused(given.out, site, condition))
             print(errors[-1], flush=True)
         write_table(pd.DataFrame(errors), given.out / "errors.csv")
-    for condition in DECLARED["conditions"]:
-        mines += found(given.out, condition)
+    write_table(by_condition(pd.DataFrame(errors)), given.out / "pose-errors.csv")
+    tried = [(condition, DECLARED["frames"]) for condition in DECLARED["conditions"]]
+    tried += [(condition, 1) for condition in DECLARED["single"]]
+    for condition, frames in tried:
+        mines += found(given.out, condition, frames)
         print(mines[-2], flush=True)
-        write_table(pd.DataFrame(mines), given.out / "mines.csv")
+        write_table(pd.DataFrame(mines), given.out / "pose-mines.csv")
 
 
 if __name__ == "__main__":
