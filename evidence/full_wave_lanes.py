@@ -1,6 +1,6 @@
 """Lanes that gprMax computes, a solver of Maxwell's equations: test lanes of the full-wave tracks.
 
-LANES is a declaration, ``evidence/full_wave_2.toml`` or ``evidence/full_wave_3.toml``.
+LANES is a declaration, ``full_wave_2.toml``, ``full_wave_3.toml`` or ``pose_full_wave.toml``, beside this file.
 
 ``python evidence/full_wave_lanes.py decks LANES OUT`` writes the input files, a folder a lane.
 ``python evidence/full_wave_lanes.py solve LANES OUT --python PYTHON`` runs gprMax (by an interpreter that has it) on
@@ -75,7 +75,10 @@ def array_of(common: dict[str, Any]) -> Sensor:
     """Return the array with what is received while the declared polarizations are transmitted."""
     sensor = load_sensor("full-wave")
     received = [name for name in sensor.polarization if name[0] in common["transmit"]]
-    return sensor.model_copy(update={"polarization": tuple(received)})
+    changed: dict[str, Any] = {"polarization": tuple(received)}
+    if "transmitters" in common:
+        changed["tx"] = [tuple(place) for place in common["transmitters"]]
+    return sensor.model_copy(update=changed)
 
 
 def decks_of(common: dict[str, Any], lane: dict[str, Any], sensor: Sensor) -> Decks:
@@ -183,13 +186,13 @@ def pack(common: dict[str, Any], samples: Path) -> None:
             continue
         target = samples / lane["name"]
         target.mkdir(parents=True)
-        save_run(_run_of(lane, manifest), target / "run.zarr")
+        save_run(run_of(lane, manifest), target / "run.zarr")
         _write_tables(common, lane, target)
         (target / "README.md").write_text(readme_of(common, lane), encoding="utf-8")
         print(f"{lane['name']}: packed")
 
 
-def _run_of(lane: dict[str, Any], manifest: dict[str, Any]) -> Any:
+def run_of(lane: dict[str, Any], manifest: dict[str, Any]) -> Any:
     """Put the tones of all runs of a lane together."""
     labels = manifest["polarization"]
     tones = manifest["tones"]

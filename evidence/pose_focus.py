@@ -1,8 +1,8 @@
 """What poses that focus themselves are worth: loss of coherent sums and mines found, with wrong poses and focused ones.
 
 ``python evidence/pose_focus.py OUT`` simulates the roads that ``pose_focus.toml`` declares, focuses their poses under
-every condition, and writes ``errors.csv`` by road, ``pose-errors.csv`` and ``pose-mines.csv`` in OUT. Runs and results
-that are there are kept.
+every condition, and writes ``errors.csv`` and ``mines.csv`` in OUT, and of them ``pose-errors.csv``, means over the
+roads, and ``pose-mines.csv``, at the first rate. Runs and results that are there are kept.
 """
 
 from __future__ import annotations
@@ -241,7 +241,7 @@ def against(pairs: pd.DataFrame, far: float, rival: str) -> str:
         if {pair["first"], pair["second"]} == {"focused", rival}:
             alone = [pair["only_first"], pair["only_second"]]
             own, its = alone if pair["first"] == "focused" else alone[::-1]
-            return f"+{own} -{its}, p = {pair['p']:.2g}"
+            return f"{own} against {its}, p = {pair['p']:.2g}"
     raise ValueError(f"pairs must hold focused and {rival}, they do not")
 
 
@@ -262,7 +262,9 @@ def main() -> None:
     for condition, frames in tried:
         mines += found(given.out, condition, frames)
         print(mines[-2], flush=True)
-        write_table(pd.DataFrame(mines), given.out / "pose-mines.csv")
+    table = pd.DataFrame(mines)
+    write_table(table, given.out / "mines.csv")
+    write_table(table[table["per m²"] == DECLARED["fars"][0]], given.out / "pose-mines.csv")
 
 
 if __name__ == "__main__":

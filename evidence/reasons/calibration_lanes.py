@@ -8,7 +8,7 @@ any of them ran.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ import flgpr
 from flgpr.model import Sensor
 from flgpr.progress import Track, silent
 from flgpr.recipe.schema import parse_recipe
-from flgpr_papers.kit.cache import key_of, read_or_make
+from flgpr_papers.kit.cache import key_of
 from flgpr_papers.kit.settings import packaged_text
 from flgpr_papers.wang2007.analysis import (
     MINES,
@@ -32,7 +32,7 @@ from flgpr_papers.wang2007.analysis import (
 )
 from flgpr_papers.wang2007.lanes import LaneScenes, calibration_scenes, quick_scenes, sensor
 from flgpr_papers.wang2007.study import lane_result
-from reasons.trials import Trial, declared_trials
+from reasons.trials import Trial, declared_trials, measured
 
 Record = dict[str, float]
 REPEATS = (18, 19, 20)
@@ -71,18 +71,17 @@ def calibration_trials(folder: Path, quick: bool, world: str, track: Track) -> l
         Shows progress.
     """
     repeats = REPEATS[:2] if quick else REPEATS
-    jobs = [(name, repeat) for name in RADARS for repeat in repeats]
-    records: dict[str, list[Record]] = {}
-    for name, repeat in track(jobs, "calibration lanes", len(jobs)):
+
+    def of_repeat(name: str, repeat: int) -> tuple[str, Callable[[], Record]]:
         scenes = calibration_scenes(world, repeat)
         if quick:
             scenes = {lane: (scene, repeat) for lane, (scene, _) in quick_scenes(world)[0].items()}
         declared = [(scene.model_dump(mode="json"), seed) for scene, seed in scenes.values()]
         key = key_of(declared, RADARS[name], flgpr.__version__)
-        path = folder / "reasons" / f"calibration-{key}.json"
-        work = path.with_suffix(".lanes")
-        record = read_or_make(path, partial(calibration_record, work, scenes, changed_radar(name)))
-        records.setdefault(name, []).append(record)
+        work = folder / "reasons" / f"calibration-{key}.lanes"
+        return work.stem, partial(calibration_record, work, scenes, changed_radar(name))
+
+    records = measured(folder, RADARS, repeats, of_repeat, track, "calibration lanes")
     return declared_trials("wang2007", "calibration", paired(records))
 
 

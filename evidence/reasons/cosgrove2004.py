@@ -7,7 +7,7 @@ explanation predicts was written before the lanes ran.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -38,7 +38,7 @@ from flgpr_papers.kit.cache import key_of, read_or_make
 from flgpr_papers.kit.study_worlds import OWN
 from reasons.changed_lanes import LaneChange, open_looks, reflector_looks
 from reasons.cosgrove2004_soils import soil_trials
-from reasons.trials import Trial, declared_trials
+from reasons.trials import Trial, declared_trials, measured
 
 ComplexArray = NDArray[np.complex128]
 Records = Mapping[str, Sequence[dict[str, Any]]]
@@ -103,12 +103,12 @@ def trials(
     """
     recipe = small_twin(study_recipe(quick, world))
     seeds = range(1, 1 + min(SEEDS, recipe.study.seeds))
-    jobs = [(name, seed) for name in CHANGES for seed in seeds]
-    records: dict[str, list[dict[str, Any]]] = {name: [] for name in CHANGES}
-    for name, seed in track(jobs, "changed lanes", len(jobs)):
-        path = folder / "reasons" / f"{name.replace(' ', '-')}-{seed}-{_key(recipe, name)}.json"
-        make = partial(lane_record, recipe, CHANGES[name], seed)
-        records[name].append(read_or_make(path, make))
+
+    def of_lane(name: str, seed: int) -> tuple[str, Callable[[], Any]]:
+        stem = f"{name.replace(' ', '-')}-{seed}-{_key(recipe, name)}"
+        return stem, partial(lane_record, recipe, CHANGES[name], seed)
+
+    records = measured(folder, CHANGES, seeds, of_lane, track, "changed lanes")
     key = _key(recipe, "nothing")
     alone_file = folder / "reasons" / f"alone-{key}.json"
     alone = read_or_make(alone_file, partial(alone_record, recipe))

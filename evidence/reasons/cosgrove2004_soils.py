@@ -25,8 +25,8 @@ from flgpr_papers.cosgrove2004.detect import (
 from flgpr_papers.cosgrove2004.findings import found_looks
 from flgpr_papers.cosgrove2004.images import lane_looks
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
-from flgpr_papers.kit.cache import key_of, read_or_make
-from reasons.trials import Trial, declared_trials
+from flgpr_papers.kit.cache import key_of
+from reasons.trials import Trial, declared_trials, measured
 
 SEEDS = 24
 """Lanes with each change, by seeds from 1 on.
@@ -94,11 +94,11 @@ def soil_trials(recipe: StudyRecipe, folder: Path, track: Track) -> list[Trial]:
         Shows progress.
     """
     seeds = range(1, 1 + min(SEEDS, recipe.study.seeds))
-    jobs = [(name, seed) for name in CHANGES for seed in seeds]
-    records: dict[str, list[Any]] = {name: [] for name in CHANGES}
-    for name, seed in track(jobs, "lanes of other soils", len(jobs)):
+
+    def of_lane(name: str, seed: int) -> tuple[str, Callable[[], Any]]:
         measure, parts = CHANGES[name]
         key = key_of(recipe.model_dump(mode="json"), name, parts)
-        path = folder / "reasons" / f"{name.replace(' ', '-')}-{seed}-{key}.json"
-        records[name].append(read_or_make(path, partial(measure, recipe, parts, seed)))
+        return f"{name.replace(' ', '-')}-{seed}-{key}", partial(measure, recipe, parts, seed)
+
+    records = measured(folder, CHANGES, seeds, of_lane, track, "lanes of other soils")
     return declared_trials("cosgrove2004", "soil", records)

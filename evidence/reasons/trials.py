@@ -13,7 +13,7 @@ import csv
 import io
 import math
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from pathlib import Path
@@ -21,6 +21,8 @@ from typing import Any
 
 import numpy as np
 
+from flgpr.progress import Track
+from flgpr_papers.kit.cache import read_or_make
 from flgpr_papers.kit.findings import AGREES, DISAGREES, UNDECIDED, Finding, in_words, judge
 from flgpr_papers.kit.intervals import Bounds, Interval, students
 
@@ -125,6 +127,38 @@ class Question:
         return Trial(
             self.statement, why, changed, self.quantity, interval, self.sample, rule, self.unit
         )
+
+
+def measured(
+    folder: Path,
+    changes: Iterable[str],
+    numbers: Sequence[int],
+    experiment: Callable[[str, int], tuple[str, Callable[[], Any]]],
+    track: Track,
+    label: str,
+) -> dict[str, list[Any]]:
+    """Return what was measured with every change on every lane; what is on disk is read.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the study; records lie in its ``reasons``.
+    changes : iterable of str
+        What is changed.
+    numbers : sequence of int
+        Seeds or repeats of the lanes.
+    experiment : callable
+        Returns the name of a record's file, which tells all that it depends on, and what makes it.
+    track, label
+        Shows progress.
+    """
+    jobs = [(name, number) for name in changes for number in numbers]
+    records: dict[str, list[Any]] = {}
+    for name, number in track(jobs, label, len(jobs)):
+        stem, make = experiment(name, number)
+        record = read_or_make(folder / "reasons" / f"{stem}.json", make)
+        records.setdefault(name, []).append(record)
+    return records
 
 
 def declared_trials(

@@ -7,7 +7,7 @@ they ran.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -27,7 +27,7 @@ from flgpr.recipe.schema import Recipe, parse_recipe, recipe_text
 from flgpr.screen import RunViewSums, view_array
 from flgpr.simulate import BARE, EVEN, Scene, simulate
 from flgpr.simulate.bodies.signature.table import body_size
-from flgpr_papers.kit.cache import key_of, read_or_make
+from flgpr_papers.kit.cache import key_of
 from flgpr_papers.kit.mines import mix_draws
 from flgpr_papers.kit.scenes import changed
 from flgpr_papers.kit.study_worlds import OWN, study_world
@@ -35,7 +35,7 @@ from flgpr_papers.wang2007.analysis import LaneResult, clutter_levels, stands_ou
 from flgpr_papers.wang2007.lanes import TRACK, sensor
 from reasons.calibration_lanes import calibration_trials
 from reasons.recipe_costs import cost_trials
-from reasons.trials import Trial, declared_trials
+from reasons.trials import Trial, declared_trials, measured
 
 FloatArray = NDArray[np.float64]
 Record = Mapping[str, Any]
@@ -102,14 +102,13 @@ def trials(
         In the order of the statements.
     """
     seeds = SEEDS[:1] if quick else SEEDS
-    jobs = [(name, seed) for name in CLUTTER_CHANGES for seed in seeds]
-    records: dict[str, list[Record]] = {}
-    for name, seed in track(jobs, "changed lanes", len(jobs)):
+
+    def of_lane(name: str, seed: int) -> tuple[str, Callable[[], Record]]:
         scene = clutter_scene(name, quick, world)
         key = key_of(scene.model_dump(mode="json"), seed, SCAN_EVERY, flgpr.__version__)
-        path = folder / "reasons" / f"clutter-{key}.json"
-        record = read_or_make(path, partial(clutter_record, scene, seed))
-        records.setdefault(name, []).append(record)
+        return f"clutter-{key}", partial(clutter_record, scene, seed)
+
+    records = measured(folder, CLUTTER_CHANGES, seeds, of_lane, track, "changed lanes")
     trial_list = clutter_trials(records)
     trial_list += calibration_trials(folder, quick, world, track)
     if world == OWN:
