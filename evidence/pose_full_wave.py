@@ -14,7 +14,7 @@ import numpy as np
 from flgpr.calibrate import focus_poses
 from flgpr.clutter import subtract_mean_scan
 from flgpr.imaging import ImagingOperator
-from full_wave_lanes import array_of, declared, decks_of, run_of
+from full_wave_lanes import array_of, decks_of, declared, run_of
 from pose_focus import against_next
 
 AHEAD = 2.4  # antenna heights, of the middle of the ground that is looked at
