@@ -434,8 +434,8 @@ def _doubt(fit: PoseFit) -> str:
     """Return the reason not to trust poses; empty if there is none."""
     if fit.alike < fit.pairs / 2:
         return (
-            f"only {fit.alike} of {fit.pairs} pairs of scans see the ground alike: is the clock right, "
-            "and does the array look at the ground ahead?"
+            f"only {fit.alike} of {fit.pairs} pairs of scans see the ground alike: are poses right to "
+            f"{1e3 * fit.position:.2g} mm, is the clock, and does the array look at the ground ahead?"
         )
     most = float(np.abs(fit.correction).max())
     if most > _MOST_ERRORS * fit.position:
