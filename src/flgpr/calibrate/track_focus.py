@@ -5,7 +5,7 @@ so narrow that an error of the poses stays within a range cell, are alike but fo
 d of one pose against the other turns a cell of ground by ``-4πf/c·g·d``; g is the mean of the unit
 vectors from the cell to the antennas. Cells in all directions and several bands give d by least
 squares, as phases of radar interferometry do (Bamler and Hartl, "Synthetic aperture radar
-interferometry", Inverse Problems 14, 1998, Sec. 3). The navigation's errors, independent from scan
+interferometry", Inverse Problems 14, 1998). The navigation's errors, independent from scan
 to scan, are the prior; all pairs of scans together give the poses.
 
 Ground that lies higher by h than its pixels also turns the phase, because the two scans see it
@@ -29,9 +29,9 @@ from scipy.sparse.linalg import splu
 
 from flgpr.calibrate.clock import Operator
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.model.ambiguity import phase_centre_gap
+from flgpr.model.ambiguity import grating_clear
 from flgpr.model.aperture import antennas_in_lane
-from flgpr.model.frames import scan_to_lane, steps_of, vehicle_to_scan
+from flgpr.model.frames import heading_matrix, scan_to_lane, steps_of, vehicle_to_scan
 from flgpr.progress import Track, silent
 from flgpr.types import ComplexArray, FloatArray, floats
 
@@ -43,8 +43,7 @@ _RANGE_CELL = 0.12
 _REACH = 0.9
 _PIXEL = 0.4  # of the range cell
 _PIXELS = 4  # along either side of a cell of ground
-_GRATING = math.radians(50)  # nearer grating lobes bring in other ground
-_POSITION = 0.03  # m
+_POSITION = 0.03  # m, standard deviation of the navigation's errors where none is given
 _MOST_TURN = 1.2  # rad, of the lowest band by errors of the navigation
 _ALIKE = 1.3  # rad², variance of the phases between looks that are alike; of any others 3.3
 _LEAST_VARIANCE = 0.02  # rad²
@@ -337,8 +336,7 @@ class _Scene:
     def _sight(self, pose: FloatArray) -> FloatArray:
         """Return unit vectors (scan, 3) from the middle of a scan's ground to its array."""
         sight = self._centre - self._ground.points.mean(axis=0)
-        unit = sight / np.linalg.norm(sight)
-        return np.stack([scan_to_lane(unit, one) - scan_to_lane(np.zeros(3), one) for one in pose])
+        return floats(heading_matrix(pose[:, 3]) @ (sight / np.linalg.norm(sight)))
 
     def answer(
         self,
@@ -362,18 +360,18 @@ class _Scene:
         before = math.hypot(self._against_next(correction, pose) / math.sqrt(2), after)
         told = {scan for pair in pairs for scan in pair.scans}
         fit = PoseFit(
-            pose,
-            correction,
-            sigma.reshape(-1, 3),
-            before,
-            after,
-            self.position,
-            height,
-            (self.bands[0][0], self.bands[-1][1]),
-            len(compared),
-            len(pairs),
-            scans - len(told),
-            "",
+            pose=pose,
+            correction=correction,
+            sigma=sigma.reshape(-1, 3),
+            before=before,
+            after=after,
+            position=self.position,
+            height=height,
+            band=(self.bands[0][0], self.bands[-1][1]),
+            pairs=len(compared),
+            alike=len(pairs),
+            alone=scans - len(told),
+            doubt="",
         )
         return replace(fit, doubt=_doubt(fit))
 
@@ -382,10 +380,8 @@ def _bands(run: xr.Dataset, width: float) -> list[tuple[float, float]]:
     """Return bands (Hz) of about a width, up to where grating lobes come near."""
     tones = run["frequency"].values
     low, high = float(tones[0]), float(tones[-1])
-    gap = phase_centre_gap(*(run[name].values for name in _ENDS))
-    if gap > 0:
-        clear = SPEED_OF_LIGHT / (2 * gap * math.sin(_GRATING))
-        high = min(high, max(clear, low + width))
+    clear = grating_clear(*(run[name].values for name in _ENDS))
+    high = min(high, max(clear, low + width))
     edges = np.linspace(low, high, max(1, round((high - low) / width)) + 1)
     return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
 

@@ -29,6 +29,7 @@ _GAP = 20  # usual steps: the response to wider gaps lies beside the echo itself
 # Raster cells per usual step to which uneven tones are rounded: 6 degrees of phase at the first
 # alias.
 _CELLS_PER_STEP = 32
+_GRATING = math.radians(50)
 _MOST_CELLS = 2**20
 _HALVINGS = 40
 
@@ -123,6 +124,16 @@ def phase_centre_gap(tx: FloatArray, rx: FloatArray) -> float:
     """
     centres = np.unique(np.round((tx + rx)[:, 0] / 2, 6))
     return float(np.diff(centres).max()) if centres.size > 1 else 0.0
+
+
+def grating_clear(tx: FloatArray, rx: FloatArray) -> float:
+    """Return the highest frequency, Hz, at which grating lobes stay 50 degrees off or farther.
+
+    Nearer ones bring in ground that other scans see in another way. It is infinite for pairs
+    (pair, 3) with one phase centre across.
+    """
+    gap = phase_centre_gap(tx, rx)
+    return SPEED_OF_LIGHT / (2 * gap * math.sin(_GRATING)) if gap > 0 else math.inf
 
 
 def longest_path(tx: ArrayLike, rx: ArrayLike, x: Span, y: Span) -> float:

@@ -15,7 +15,7 @@ from flgpr.model import (
     sensor_presets,
     unambiguous_path,
 )
-from flgpr.model.ambiguity import phase_centre_gap
+from flgpr.model.ambiguity import grating_clear
 from flgpr.recipe.lengths import (
     PAPERS_HEIGHT,
     divide,
@@ -54,8 +54,6 @@ _FAR_APERTURE = 8.0  # the same for a synthetic aperture, which is as wide as wh
 _SPACINGS = (0.01, 0.02, 0.025, 0.03, 0.04, 0.05, 0.1)  # of pixels, m
 _PIXEL = 2 / 3  # of a resolution cell, as in the paper's images
 _MAP_PIXEL = 1 / 4  # of the finest cell of a map's sub-bands: phases of neighbours are compared
-# Up to where grating lobes come; nearer ones bring in ground that earlier drives do not predict.
-_GRATING = math.radians(50)
 _REASONS_AGAIN = {
     "image.window": "its low sidelobes keep apart what has changed and what has not",
     "image.subbands": (
@@ -481,10 +479,8 @@ def _choose(setup: RadarSetup, method: _Method, given: dict[str, Band] | None = 
 def _band_again(setup: RadarSetup) -> dict[str, Band]:
     """Return the band in which earlier drives predict the ground: to where grating lobes come near."""
     first, last = float(setup.tones[0]), float(setup.tones[-1])
-    gap = phase_centre_gap(setup.tx, setup.rx)
-    if gap > 0:
-        last = min(last, max(SPEED_OF_LIGHT / (2 * gap * math.sin(_GRATING)), first + _BANDWIDTH))
-    return {"F0": (first, last)}
+    clear = grating_clear(setup.tx, setup.rx)
+    return {"F0": (first, min(last, max(clear, first + _BANDWIDTH)))}
 
 
 def _half_width(setup: RadarSetup, method: _Method) -> float:
