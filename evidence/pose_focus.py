@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
+from matplotlib.figure import Figure
 
 from common import with_share
 from flgpr import detect
@@ -126,25 +127,50 @@ def against_next(error: np.ndarray, sight: np.ndarray) -> float:
     return float(np.std(np.diff(error @ sight)) / math.sqrt(2))
 
 
+def sum_around(run: xr.Dataset, mine: np.ndarray, half: float) -> np.ndarray:
+    """Return the sum (y, x) of all looks on a square around a mine, dB."""
+    tones, place = run["frequency"].values, run["pose"].values
+    side = np.arange(-half, half + 0.001, 0.05)
+    patch = np.stack([*np.meshgrid(side, side), np.zeros((side.size, side.size))], axis=-1)
+    ahead = mine[1] - place[:, 1]
+    near, far = DECLARED["looks"]
+    looks = np.flatnonzero((ahead >= near) & (ahead <= far))
+    data = np.nan_to_num(run["signal"][looks].sel(polarization=["HH"]).values)
+    total = np.zeros(patch.shape[:2], complex)
+    for scan, sweeps in zip(looks, data, strict=True):
+        tx, rx = antennas_in_lane(run, place[scan : scan + 1])
+        points = patch + [*mine, 0.0]
+        imaging = ImagingOperator(tones, tx, rx, points, [(0.45e9, 1.6e9)], window="hann")
+        total += imaging.adjoint(sweeps)[0, 0]
+    return 20 * np.log10(np.abs(total))
+
+
 def sums_at_mines(run: xr.Dataset, mines: pd.DataFrame) -> np.ndarray:
     """Return the greatest power of the sum of all looks at each mine, dB."""
-    tones, place = run["frequency"].values, run["pose"].values
-    side = np.arange(-0.3, 0.301, 0.05)
-    patch = np.stack([*np.meshgrid(side, side), np.zeros((side.size, side.size))], axis=-1)
-    powers = []
-    for mine in mines[["x", "y"]].to_numpy():
-        ahead = mine[1] - place[:, 1]
-        near, far = DECLARED["looks"]
-        looks = np.flatnonzero((ahead >= near) & (ahead <= far))
-        data = np.nan_to_num(run["signal"][looks].sel(polarization=["HH"]).values)
-        total = np.zeros(patch.shape[:2], complex)
-        for scan, sweeps in zip(looks, data, strict=True):
-            tx, rx = antennas_in_lane(run, place[scan : scan + 1])
-            points = patch + [*mine, 0.0]
-            imaging = ImagingOperator(tones, tx, rx, points, [(0.45e9, 1.6e9)], window="hann")
-            total += imaging.adjoint(sweeps)[0, 0]
-        powers.append(20 * math.log10(np.abs(total).max()))
-    return np.array(powers)
+    places = mines[["x", "y"]].to_numpy()
+    return np.array([sum_around(run, mine, 0.3).max() for mine in places])
+
+
+def draw(out: Path, path: Path) -> None:
+    """Draw the sums around the first metal mine of a road with the greatest errors, by all poses."""
+    site, condition = DECLARED["sites"][-1], "3 cm"
+    exact = subtract_mean_scan(open_run(road(out, site)).compute())
+    home = out / site / condition.replace(" ", "-")
+    truth = draw_world(scene_of(site), DECLARED["seed"]).truth()
+    mine = truth.loc[truth["kind"] == "metal", ["x", "y"]].to_numpy()[0]
+    figure = Figure(figsize=(9.6, 3.5), layout="constrained")
+    axes = figure.subplots(1, 3, sharey=True)
+    extent = (mine[0] - 1.5, mine[0] + 1.5, mine[1] - 1.5, mine[1] + 1.5)
+    top = sum_around(exact, mine, 1.5).max()
+    for axis, poses in zip(axes, POSES, strict=True):
+        stored = exact if poses == "exact" else open_run(home / f"{poses}.zarr")
+        level = sum_around(with_pose(exact, stored["pose"].values), mine, 1.5) - top
+        shown = axis.imshow(level, origin="lower", extent=extent, vmin=-20, vmax=0)
+        axis.plot(*mine, "o", markersize=26, markerfacecolor="none", color="white")
+        axis.set(title=f"{poses} poses", xlabel="x, m")
+    axes[0].set_ylabel("y, m")
+    figure.colorbar(shown, ax=axes, label="dB")
+    figure.savefig(path, dpi=90, metadata={"Software": None})
 
 
 def focused(out: Path, site: str, condition: str) -> dict[str, Any]:
@@ -226,7 +252,8 @@ def found(out: Path, condition: str, frames: int) -> Iterator[dict[str, object]]
     compared = side_by_side(matches, DECLARED["fars"], means=False)
     points = compared.points.set_index(["detector", "far_allowed"])
     for far in DECLARED["fars"]:
-        row: dict[str, object] = {"scans summed": frames, "poses": condition, "per m²": far}
+        label = f"{condition}, single scans" if frames == 1 else condition
+        row: dict[str, object] = {"poses": label, "per m²": far}
         for poses in POSES:
             point = points.loc[(poses, far)]
             row[poses] = with_share(int(point["n_detected"]), int(point["n_targets"]))
@@ -249,6 +276,7 @@ def main() -> None:
     """Focus all poses, detect, and write both tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("out", type=Path)
+    parser.add_argument("--figure", type=Path, help="PNG of sums around a mine")
     given = parser.parse_args()
     errors, mines = [], []
     for condition in DECLARED["conditions"]:
@@ -264,7 +292,10 @@ def main() -> None:
         print(mines[-2], flush=True)
     table = pd.DataFrame(mines)
     write_table(table, given.out / "mines.csv")
-    write_table(table[table["per m²"] == DECLARED["fars"][0]], given.out / "pose-mines.csv")
+    first = table[table.pop("per m²") == DECLARED["fars"][0]]
+    write_table(first, given.out / "pose-mines.csv")
+    if given.figure:
+        draw(given.out, given.figure)
 
 
 if __name__ == "__main__":
