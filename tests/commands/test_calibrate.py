@@ -90,6 +90,11 @@ def test_poses_are_stored_with_what_they_were_moved_by(driven, tmp_path):
     first, second = done.stdout.splitlines()[:2]
     assert first.startswith("along the line of sight a scan's pose was off by 1")
     assert second.startswith("so a sum over many scans from 0.5 to 1.33 GHz loses 0.")
+    few = "the mean of 7 scans was left out of the search"
+    assert few in done.stdout
+    kept = CliRunner().invoke(app, ["calibrate", "poses", str(driven), "--keep-standing"])
+    assert kept.exit_code == 0
+    assert few not in kept.stdout
     moved = pd.read_csv(tmp_path / "new-poses.csv")
     before, after = (open_run(path) for path in (driven, new))
     change = (after["pose"] - before["pose"]).values

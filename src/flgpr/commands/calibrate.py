@@ -276,6 +276,9 @@ def calibrate_joint(
     return fit
 
 
+_FEW_SCANS = 20  # whose mean holds so much of their ground that poses are told worse
+
+
 def _pose_lines(fit: PoseFit, call: Arguments) -> Iterator[Any]:
     """Yield how wrong the poses were, what that costs, how well they are known, and the store."""
     yield (
@@ -289,6 +292,11 @@ def _pose_lines(fit: PoseFit, call: Arguments) -> Iterator[Any]:
         f"place of {loss_before:.1f} dB"
     )
     yield f"{fit.alike} of {fit.pairs} pairs of scans see the ground alike"
+    if len(fit.pose) < _FEW_SCANS and not call.keep_standing:
+        yield (
+            f"the mean of {len(fit.pose)} scans was left out of the search and holds a part of their "
+            "ground, which adds millimetres: where nothing stands still, --keep-standing"
+        )
     if fit.alone:
         yield f"{fit.alone} scans are in none of these: only the navigation tells their poses"
     across, along, up = 1e3 * fit.deviation
