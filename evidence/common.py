@@ -17,6 +17,52 @@ from flgpr.store import read_table, write_table
 from flgpr_ground.ground import Ground, GroundLane
 from flgpr_ground.running import ALARMS, entry_folder
 
+CONTRAST_RECIPE = """name = "contrast"
+description = "Contrast to the surroundings, mean over the looks"
+
+[image]
+x = [-2.5, 2.5]
+y = [{near}, 16.0]
+spacing = 0.05
+window = "hann"
+polarizations = ["{channel}"]
+frames = {frames}
+
+[image.subbands]
+band = {band}
+
+[background]
+self_signature = "mean"
+median = 1.05
+mean = 2.55
+median_step = 3
+
+[run_view]
+x = [-1.5, 1.5]
+spacing = 0.1
+y_max = 16.0
+look = "mean"
+
+[prescreen]
+polarization = "{channel}"
+subband = "band"
+radius = 0.5
+density = 0.75
+
+[contrast]
+polarization = "{channel}"
+subband = "band"
+size = 25
+spacing = 0.1
+inner = [5, 3]
+guard = [9, 7]
+
+[score]
+halo = 0.5
+area = "union"
+"""
+"""The contrast as a recipe; channel, band, where images begin and how many scans are summed are filled in."""
+
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """Return a table in Markdown."""
@@ -52,6 +98,16 @@ def made_lanes(out: Path, lanes: Iterable[GroundLane]) -> tuple[list[Path], list
             write_table(lane.truth(), truths[-1])
             lane.make(runs[-1])
     return runs, truths
+
+
+def alone(pairs: pd.DataFrame, far: float, one: str, other: str) -> tuple[int, int, float]:
+    """Return how many targets two detectors each find alone at a rate, and McNemar's p."""
+    of_rate = pairs[pairs["far_allowed"] == far]
+    both = of_rate[["first", "second"]].apply(set, axis=1) == {one, other}
+    pair = of_rate[both].iloc[0]
+    counts = int(pair["only_first"]), int(pair["only_second"])
+    own, its = counts if pair["first"] == one else counts[::-1]
+    return own, its, float(pair["p"])
 
 
 def far_at(far: np.ndarray, level: float) -> float:

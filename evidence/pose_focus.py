@@ -19,7 +19,7 @@ import pandas as pd
 import xarray as xr
 from matplotlib.figure import Figure
 
-from common import with_share
+from common import CONTRAST_RECIPE, alone, with_share
 from flgpr import detect
 from flgpr.calibrate import focus_poses
 from flgpr.clutter import subtract_mean_scan
@@ -34,50 +34,6 @@ from flgpr.store import open_run, read_table, save_run, write_table
 
 DECLARED = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 POSES = ("wrong", "focused", "exact")
-RECIPE = """name = "contrast"
-description = "Contrast to the surroundings, mean over the looks"
-
-[image]
-x = [-2.5, 2.5]
-y = [8.0, 16.0]
-spacing = 0.05
-window = "hann"
-polarizations = ["HH"]
-frames = {frames}
-
-[image.subbands]
-band = [0.45e9, 1.6e9]
-
-[background]
-self_signature = "mean"
-median = 1.05
-mean = 2.55
-median_step = 3
-
-[run_view]
-x = [-1.5, 1.5]
-spacing = 0.1
-y_max = 16.0
-look = "mean"
-
-[prescreen]
-polarization = "HH"
-subband = "band"
-radius = 0.5
-density = 0.75
-
-[contrast]
-polarization = "HH"
-subband = "band"
-size = 25
-spacing = 0.1
-inner = [5, 3]
-guard = [9, 7]
-
-[score]
-halo = 0.5
-area = "union"
-"""
 
 
 def scene_of(site: str) -> Scene:
@@ -223,7 +179,8 @@ def alarms_of(out: Path, site: str, condition: str, poses: str, frames: int) -> 
     result = (out / site if poses == "exact" else home) / f"result-{poses}-{frames}"
     if not (result / "alarms.csv").is_file():
         recipe = out / f"recipe-{frames}.toml"
-        recipe.write_text(RECIPE.replace("{frames}", str(frames)), "utf-8")
+        entries = {"near": 8.0, "channel": "HH", "band": [0.45e9, 1.6e9], "frames": frames}
+        recipe.write_text(CONTRAST_RECIPE.format(**entries), "utf-8")
         detect(run, recipe=recipe, output=result, report=False, lane=lane())
     return read_table(result / "alarms.csv", "alarms").assign(lane=site)
 
@@ -258,18 +215,9 @@ def found(out: Path, condition: str, frames: int) -> Iterator[dict[str, object]]
             point = points.loc[(poses, far)]
             row[poses] = with_share(int(point["n_detected"]), int(point["n_targets"]))
         for rival in ("wrong", "exact"):
-            row[f"focused against {rival}"] = against(compared.pairs, far, rival)
+            own, its, chance = alone(compared.pairs, far, "focused", rival)
+            row[f"focused against {rival}"] = f"{own} against {its}, p = {chance:.2g}"
         yield row
-
-
-def against(pairs: pd.DataFrame, far: float, rival: str) -> str:
-    """Return what focused poses and others each find alone, and McNemar's p."""
-    for _, pair in pairs[pairs["far_allowed"] == far].iterrows():
-        if {pair["first"], pair["second"]} == {"focused", rival}:
-            alone = [pair["only_first"], pair["only_second"]]
-            own, its = alone if pair["first"] == "focused" else alone[::-1]
-            return f"{own} against {its}, p = {pair['p']:.2g}"
-    raise ValueError(f"pairs must hold focused and {rival}, they do not")
 
 
 def main() -> None:

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from common import markdown, with_share
+from common import CONTRAST_RECIPE, alone, markdown, with_share
 from flgpr import detect
 from flgpr.jobs.simulated_lane import simulate_to_store
 from flgpr.live.feeding import feed
@@ -31,49 +31,6 @@ from flgpr.simulate import Scene, draw_world
 from flgpr.store import lane_text, read_table
 
 DECLARED = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
-RECIPE = """name = "contrast"
-description = "Contrast to the surroundings, mean over the looks"
-
-[image]
-x = [-2.5, 2.5]
-y = [7.0, 16.0]
-spacing = 0.05
-window = "hann"
-polarizations = ["{channel}"]
-
-[image.subbands]
-band = {band}
-
-[background]
-self_signature = "mean"
-median = 1.05
-mean = 2.55
-median_step = 3
-
-[run_view]
-x = [-1.5, 1.5]
-spacing = 0.1
-y_max = 16.0
-look = "mean"
-
-[prescreen]
-polarization = "{channel}"
-subband = "band"
-radius = 0.5
-density = 0.75
-
-[contrast]
-polarization = "{channel}"
-subband = "band"
-size = 25
-spacing = 0.1
-inner = [5, 3]
-guard = [9, 7]
-
-[score]
-halo = 0.5
-area = "union"
-"""
 
 
 def roads() -> Iterator[tuple[str, str, int]]:
@@ -146,7 +103,7 @@ def detect_as(
     if entries.get("made"):
         detect(run, output=result, report=False, before=before, lane=lane)
         return
-    text = RECIPE.format(**entries)
+    text = CONTRAST_RECIPE.format(near=7.0, frames=1, **entries)
     if before:
         text = f"{with_earlier(text)}{entries['earlier']}\n"
     recipe = result.with_suffix(".toml")
@@ -226,12 +183,8 @@ def against(pairs: pd.DataFrame, detector: str) -> str:
     rival = DECLARED["detectors"][detector].get("against")
     if rival not in DECLARED["detectors"]:
         return ""
-    of_pair = pairs[pairs["far_allowed"] == 0.02]
-    both = of_pair[["first", "second"]].apply(set, axis=1) == {detector, rival}
-    pair = of_pair[both].iloc[0]
-    alone = [pair["only_first"], pair["only_second"]]
-    own, its = alone if pair["first"] == detector else alone[::-1]
-    return f"{rival}: +{own} -{its}, p = {pair['p']:.2g}"
+    own, its, chance = alone(pairs, 0.02, detector, rival)
+    return f"{rival}: +{own} -{its}, p = {chance:.2g}"
 
 
 def raised(matched: Any, decoys: pd.DataFrame) -> str:

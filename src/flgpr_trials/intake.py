@@ -118,9 +118,8 @@ class Intake:
     read: ReadList
     page: Path
     line: dict[str, Any] | None  #: of the register; None where nobody signed
-    replaced: (
-        dict[str, Any] | None
-    )  #: of the signed list whose place it takes; None where there is none
+    #: of the register, of the signed list whose place it takes; None where there is none
+    replaced: dict[str, Any] | None
 
 
 def read_vendor_list(
