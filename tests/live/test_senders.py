@@ -33,19 +33,10 @@ def listening(path, limits=QUICK):
     return watching(SocketWatch, path, limits)
 
 
-def is_connected(sender, path):
-    """Try to connect; the address is there a moment before anybody listens on it."""
-    try:
-        sender.connect(str(path))
-    except ConnectionRefusedError:
-        return False
-    return True
-
-
 def connected(path):
     """Return a connection to a Unix socket."""
     sender = socket.socket(socket.AF_UNIX)
-    wait_for(lambda: is_connected(sender, path))
+    sender.connect(str(path))
     return sender
 
 

@@ -173,6 +173,8 @@ def _new_unix_socket(path: Path) -> socket.socket:
 def listening_unix(path: Path, backlog: int) -> socket.socket:
     """Return a Unix socket that listens on a path, which only this user may open.
 
+    It appears there once it listens: a sender that waits for it is never refused.
+
     Parameters
     ----------
     path : Path
@@ -190,11 +192,15 @@ def listening_unix(path: Path, backlog: int) -> socket.socket:
     ValueError
         If the path cannot be listened on, or this system has no Unix sockets.
     """
-    _remove_stale_socket(path)
+    not_yet = path.with_name(f"~{path.name}")
+    for one in (path, not_yet):
+        _remove_stale_socket(one)
     listener = _new_unix_socket(path)
     previous_mask = os.umask(0o177)
     try:
-        listener.bind(str(path))
+        listener.bind(str(not_yet))
+        listener.listen(backlog)
+        not_yet.rename(path)
     except OSError as error:
         listener.close()
         raise ValueError(
@@ -202,7 +208,6 @@ def listening_unix(path: Path, backlog: int) -> socket.socket:
         ) from None
     finally:
         os.umask(previous_mask)
-    listener.listen(backlog)
     return listener
 
 
