@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 from divided import SCANS, setup, with_results
-from flgpr.method.alarm_sums import AlarmSums, StageSums, own_column_count
+from flgpr.method.alarm_sums import AlarmSums, own_column_count
 from flgpr.method.passes.traversal import ImagedScan
 from small_lane import small_recipe
 

@@ -7,18 +7,17 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 
 from flgpr.engine import bundle_groups, group_of
 from flgpr.features import FEATURES, POLARIMETRIC, ContrastSums, FeatureSettings, FeatureSums
 from flgpr.method.memory import column_count
 from flgpr.method.steps import CleanedImages, Steps
-from flgpr.model import Grid, ground_points, lane_to_scan
+from flgpr.model import Grid
 from flgpr.recipe.schema import Recipe
 from flgpr.recipe.tables import FeaturesTable
-from flgpr.stages import FeatureStage
+from flgpr.stages.sums import AlarmGatherer
 from flgpr.store.tables import MOST_COLUMNS
-from flgpr.types import AnyArray, Arrays, ComplexArray, IndexArray, floats
+from flgpr.types import AnyArray, Arrays, ComplexArray, IndexArray
 
 SWAPPED = "swapped."
 """Prefix of the columns of a variant: the regions of patches are exchanged."""
@@ -86,52 +85,6 @@ def check_column_count(recipe: Recipe, polarizations: int, view: Grid) -> None:
         )
 
 
-class StageSums:
-    """Means over the scans of the columns of a feature stage.
-
-    Parameters
-    ----------
-    stage : FeatureStage
-        A stage that reads images.
-    alarms : DataFrame
-        ``x``, ``y`` in the lane frame, m.
-    """
-
-    def __init__(self, stage: FeatureStage, alarms: pd.DataFrame) -> None:
-        self.stage = stage
-        self._points = ground_points(alarms)
-        self._total = np.zeros((len(alarms), len(stage.columns)))
-        self._count = np.zeros(self._total.shape, np.int64)
-
-    def add(self, image: xr.DataArray) -> None:
-        """Add a cleaned image (polarization, subband, y, x) with its ``pose``."""
-        pose = floats(image.attrs["pose"])
-        positions = lane_to_scan(self._points, pose)[:, :2]
-        columns = self.stage.of_image(image, positions)
-        arrays = []
-        for name in self.stage.columns:
-            arrays.append(floats(columns[name]))
-        values = np.stack(arrays, axis=1)
-        # A scan that cannot measure a feature of an alarm does not count for it.
-        self._total += np.nan_to_num(values)
-        self._count += np.isfinite(values)
-
-    def state(self) -> Arrays:
-        """Return sums and counts, with the rows of the alarms that they belong to."""
-        return {"row": np.arange(len(self._points)), "total": self._total, "count": self._count}
-
-    def merge(self, state: Mapping[str, AnyArray]) -> None:
-        """Add the sums and counts of other scans."""
-        self._total[state["row"]] += state["total"]
-        self._count[state["row"]] += state["count"]
-
-    def table(self) -> pd.DataFrame:
-        """Return the means; NaN where no scan gave a value."""
-        with np.errstate(invalid="ignore"):
-            means = np.where(self._count > 0, self._total / np.maximum(self._count, 1), np.nan)
-        return pd.DataFrame(means, columns=list(self.stage.columns))
-
-
 class AlarmSums:
     """Features of alarms, gathered scan by scan.
 
@@ -157,9 +110,9 @@ class AlarmSums:
             self._contrast = ContrastSums(alarms, steps.grid, recipe.run_view.y_max, patch)
         else:
             self._begin_ten_features(alarms, recipe.features)
-        self._stages = {}
+        self._stages: dict[str, AlarmGatherer] = {}
         for name, stage in steps.stages.items():
-            self._stages[name] = StageSums(stage, alarms)
+            self._stages[name] = stage.sums(alarms)
 
     def _begin_ten_features(self, alarms: pd.DataFrame, table: FeaturesTable) -> None:
         """Make the sums of the ten features, and of their variants where the recipe has them."""
@@ -183,7 +136,7 @@ class AlarmSums:
             )
 
     @property
-    def _sums(self) -> dict[str, FeatureSums | ContrastSums | StageSums]:
+    def _sums(self) -> dict[str, FeatureSums | ContrastSums | AlarmGatherer]:
         """All sums by the names of their groups in a state."""
         contrast = {} if self._contrast is None else {"": self._contrast}
         return {**contrast, **self._ten, **self._stages}

@@ -136,6 +136,8 @@ def describe_trust(lane: ImagedRun, detections: Sequence[Detection]) -> Entries:
     stands_out = what_stands_out(detections[0].alarms, ground, detector)
     described: Entries = {"stands_out": stands_out.as_json()}
     said = [sentence for stage in lane.all_stages for sentence in stage.sentences()]
+    for stage in lane.columns:
+        said += stage.of_alarms(detections[0].alarms)
     described["stands_out"]["notes"][1:1] = said
     if lane.trust.far is not None:
         described["far"] = rate_threshold(lane, detections[0].alarms).as_json(

@@ -15,6 +15,7 @@ import numpy as np
 from flgpr.detect.scorers.checks import Checked
 from flgpr.model.bounds import Entries
 from flgpr.model.bounds import Positive as Positive
+from flgpr.stages.sums import AlarmGatherer, StageSums
 from flgpr.types import AnyArray, Arrays, ComplexArray, Float32Array, FloatArray, floats
 
 if TYPE_CHECKING:
@@ -72,6 +73,26 @@ def imaged_labels(setup: Setup) -> list[str]:
     """Return the labels of the polarizations that are imaged."""
     labels = setup.run["polarization"].values
     return [str(labels[number]) for number in setup.imaged]
+
+
+def channel_of(stage: str, settings: Any, setup: Setup) -> tuple[int, int]:
+    """Return the indices of the polarization and the sub-band that a stage's settings name.
+
+    By default each is the first.
+
+    Raises
+    ------
+    ValueError
+        If images have no such channel.
+    """
+    known = {"polarization": imaged_labels(setup), "subband": list(setup.imager.subbands)}
+    indices = []
+    for axis, labels in known.items():
+        label = getattr(settings, axis)
+        if label is not None and label not in labels:
+            raise ValueError(f"{stage}.{axis} must be one of {', '.join(labels)}, got {label!r}")
+        indices.append(0 if label is None else labels.index(label))
+    return indices[0], indices[1]
 
 
 class Stage:
@@ -392,6 +413,20 @@ class FeatureStage(Stage):
             Pixels of the run-view.
         """
         return 0
+
+    def sums(self, alarms: pd.DataFrame) -> AlarmGatherer:
+        """Return what gathers its columns at alarms: by default means of ``of_image``.
+
+        Parameters
+        ----------
+        alarms : DataFrame
+            ``x``, ``y`` in the lane frame, m.
+        """
+        return StageSums(self, alarms)
+
+    def of_alarms(self, alarms: pd.DataFrame) -> list[str]:  # noqa: ARG002
+        """Return what the reader of a result must know of its alarms, one of whose columns is its."""
+        return []
 
     def of_image(self, image: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
         """Return the features of one scan.

@@ -37,6 +37,7 @@ PACKAGED = {
     },
     "screen": {"clusters": "clusters:ClusterScreen"},
     "features": {
+        "height": "height:Height",
         "templates": "clusters:TemplateFeatures",
         "tracking": "tracking:Tracking",
         "roadside": "roadside:RoadsideShare",

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 import xarray as xr
 
-from flgpr.stages import FeatureStage, Positive, Setup, Table, imaged_labels
+from flgpr.stages import FeatureStage, Positive, Setup, Table, channel_of
 from flgpr.types import Arrays, Float32Array, FloatArray
 
 
@@ -35,11 +35,7 @@ class Tracking(FeatureStage):
 
     def __init__(self, settings: Any, setup: Setup, learnt: Arrays | None = None) -> None:
         super().__init__(settings, setup, learnt)
-        imager = setup.imager
-        labels = imaged_labels(setup)
-        polarization = _index_of("tracking.polarization", settings.polarization, labels)
-        subband = _index_of("tracking.subband", settings.subband, list(imager.subbands))
-        self._channel = (polarization, subband)
+        self._channel = channel_of("tracking", settings, setup)
 
     def of_image(self, image: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
         """Return 1 where the brightest pixel within reach is a maximum of at least the level.
@@ -58,15 +54,6 @@ class Tracking(FeatureStage):
                 magnitude, x, y, points[number], self.settings.reach, self.settings.level
             )
         return {"tracked": tracked}
-
-
-def _index_of(entry: str, label: str | None, known: list[str]) -> int:
-    """Return the index of a label, by default the first; refuse an unknown one."""
-    if label is None:
-        return 0
-    if label not in known:
-        raise ValueError(f"{entry} must be one of {', '.join(known)}, got {label!r}")
-    return known.index(label)
 
 
 def _stands_out(

@@ -1,0 +1,181 @@
+"""How well the height of what raises an alarm is told, on the roads that ``alarm_height.toml`` declares.
+
+``python evidence/alarm_height.py OUT`` simulates the roads, detects under every condition, and writes ``alarms.csv``,
+every alarm with what it belongs to and the true height, and ``alarm-heights.csv``, what is told of each kind of thing.
+Runs and alarms that are there are kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from common import CONTRAST_RECIPE, with_share
+from flgpr import detect
+from flgpr.calibrate import focus_poses
+from flgpr.clutter import subtract_mean_scan
+from flgpr.imaging import ImagingOperator
+from flgpr.jobs.simulated_lane import simulate_to_store
+from flgpr.model import Lane
+from flgpr.simulate import Scene
+from flgpr.simulate.ground.roughness import surface_heights
+from flgpr.simulate.ground.terrain import TerrainHeights
+from flgpr.simulate.scene.draw import stream
+from flgpr.store import open_run, read_table, save_run, write_table
+from pose_focus import sensor, with_pose, wrong_poses
+
+DECLARED: dict[str, Any] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+GROUND = 0.15  # m, the stage's default
+
+
+def scene_of(site: str, step: list[float]) -> Scene:
+    """Return the road of a site, its things in random order, with a scan every so many metres."""
+    rng = stream(DECLARED["seed"], f"things {site}")
+    things = []
+    for sort, listed in DECLARED["things"].items():
+        for entry in listed:
+            single = {name: value for name, value in entry.items() if name != "count"}
+            things += [(sort, single)] * entry["count"]
+    placed: dict[str, list[dict[str, Any]]] = {"mines": [], "objects": []}
+    for place, number in enumerate(rng.permutation(len(things))):
+        sort, thing = things[number]
+        y = DECLARED["first"] + place * DECLARED["every"]
+        placed[sort].append({**thing, "x": rng.uniform(-1.0, 1.0), "y": y})
+    length = DECLARED["first"] + len(things) * DECLARED["every"] + DECLARED["end"]
+    track = {"step": step, "wander": 0.1, "attitude": 0.004, "bounce": 0.005}
+    entries = {"targets": placed["mines"], "objects": placed["objects"], "track": track}
+    return Scene.model_validate({"site": site, "name": "road", "length": length} | entries)
+
+
+def things_of(scene: Scene) -> pd.DataFrame:
+    """Return what lies in the lane by intention: ``thing``, ``x``, ``y``, ``height`` and ``depth``."""
+    rows: list[dict[str, Any]] = []
+    for one in (*scene.targets, *scene.objects):
+        depth = getattr(one, "depth", 0.0)
+        height = one.height if one.kind in ("bush", "fiducial") else 0.0
+        rows.append({"thing": one.kind, "x": one.x, "y": one.y, "height": height, "depth": depth})
+    return pd.DataFrame(rows)
+
+
+def ground_height(scene: Scene, places: np.ndarray) -> np.ndarray:
+    """Return the height (place,) of the surface at places (place, 2), averaged over 0.4 m."""
+    terrain = TerrainHeights(scene.terrain, scene.lane, DECLARED["seed"])
+    rough = surface_heights(scene.surface, DECLARED["seed"])
+    side = np.linspace(-0.2, 0.2, 7)
+    x = places[:, 0, None, None] + side
+    y = places[:, 1, None, None] + side[:, None]
+    return np.asarray((terrain(x, y) + rough(x, y)).mean(axis=(1, 2)))
+
+
+def road(out: Path, site: str, kind: str) -> Path:
+    """Return the run of a site with exact poses, simulated if it is not there."""
+    home = out / site / kind
+    if not (home / "done").is_file():
+        scene = scene_of(site, DECLARED[kind])
+        simulate_to_store(scene, sensor(), DECLARED["seed"], home / "exact.zarr")
+        (home / "done").touch()
+    return home / "exact.zarr"
+
+
+def posed(out: Path, site: str, condition: str) -> Path:
+    """Return the run of a site with the poses of a condition."""
+    exact = road(out, site, "step")
+    run = exact.with_name(f"{condition.replace(' ', '-')}.zarr")
+    if not run.is_dir():
+        measured = open_run(exact).compute()
+        errors = DECLARED["conditions"][condition]
+        pose = wrong_poses(measured["pose"].values, errors, site, condition.split(",")[0])
+        if condition.endswith("focused"):
+            still = subtract_mean_scan(with_pose(measured, pose))
+            pose = focus_poses(still, ImagingOperator).pose
+        save_run(with_pose(measured, pose), run)
+    return run
+
+
+def alarms_of(run: Path, scene: Scene) -> pd.DataFrame:
+    """Return the alarms of a run with what each belongs to, ``thing``, and its true height."""
+    result = run.with_name(f"result-{run.stem}")
+    if not (result / "alarms.csv").is_file():
+        recipe = run.with_name("recipe.toml")
+        entries = {"near": DECLARED["near"], "channel": "HH", "band": DECLARED["band"], "frames": 1}
+        text = CONTRAST_RECIPE.format(**entries) + '\n[[columns]]\nstage = "height"\n'
+        recipe.write_text(text, "utf-8")
+        lane = Lane(scene.x_min, scene.x_max, 0.0, scene.length)
+        detect(run, recipe=recipe, output=result, report=False, lane=lane)
+    alarms = read_table(result / "alarms.csv", "alarms")
+    things = things_of(scene)
+    places = alarms[["x", "y"]].to_numpy(dtype=float)
+    away = np.linalg.norm(places[:, None] - things[["x", "y"]].to_numpy(), axis=-1)
+    nearest, distance = away.argmin(axis=1), away.min(axis=1)
+    alarms["number"] = np.where(distance <= DECLARED["halo"], nearest, -1)
+    own = things.iloc[nearest].reset_index(drop=True)
+    is_thing = alarms["number"] >= 0
+    alarms["thing"] = own["thing"].where(is_thing, "ground")
+    alarms["depth"] = own["depth"].where(is_thing, np.nan)
+    alarms["stands"] = own["height"].where(is_thing, 0.0)
+    alarms["true"] = alarms["stands"] + ground_height(scene, places)
+    first = ~alarms["number"].duplicated()  # the most confident of a thing's alarms
+    return alarms[np.where(is_thing, first, distance >= DECLARED["clear"])]
+
+
+def collected(out: Path) -> pd.DataFrame:
+    """Return the alarms of all roads under all conditions."""
+    tables = []
+    for site in DECLARED["sites"]:
+        runs = {}
+        for condition in DECLARED["conditions"]:
+            exact = condition == "exact"
+            runs[condition] = road(out, site, "step") if exact else posed(out, site, condition)
+        runs["dense"] = road(out, site, "dense")
+        for condition, run in runs.items():
+            scene = scene_of(site, DECLARED["dense" if condition == "dense" else "step"])
+            tables.append(alarms_of(run, scene).assign(site=site, poses=condition))
+            print(site, condition, len(tables[-1]), flush=True)
+    return pd.concat(tables, ignore_index=True)
+
+
+def kind_of(alarm: pd.DataFrame) -> pd.Series:
+    """Return the kind of thing that alarms belong to, as the table names it."""
+    reflector = "reflector at " + alarm["stands"].map("{:.1f} m".format)
+    mines = alarm["thing"].isin(["metal", "plastic"])
+    return alarm["thing"].where(~mines, "mine").where(alarm["thing"] != "fiducial", reflector)
+
+
+def told(alarms: pd.DataFrame) -> pd.DataFrame:
+    """Return what is told of each kind of thing under each condition, as text."""
+    rows = []
+    known = alarms[alarms["height"].notna()]
+    for (poses, kind), some in known.groupby(["poses", kind_of(known)], sort=False):
+        error = some["height"] - some["true"]
+        inside = some["true"].between(some["height_low"], some["height_high"])
+        row = {"poses": poses, "thing": kind, "alarms": len(some)}
+        row["height, m"] = f"{some['height'].median():.2f}"
+        row["error, m"] = f"{error.median():+.2f} ± {error.std():.2f}"
+        row["interval, m"] = f"{(some['height_high'] - some['height_low']).median():.2f}"
+        row["true height in it"] = "·" if kind == "bush" else with_share(inside.sum(), len(some))
+        above = int((some["height_low"] > GROUND).sum())
+        row["said to stand above"] = with_share(above, len(some))
+        row["said not to"] = int((some["height_high"] <= GROUND).sum())
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def main() -> None:
+    """Make the roads, detect, and write the tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("out", type=Path)
+    given = parser.parse_args()
+    alarms = collected(given.out)
+    write_table(alarms, given.out / "alarms.csv")
+    table = told(alarms)
+    write_table(table, given.out / "alarm-heights.csv")
+    print(table.to_string())
+
+
+if __name__ == "__main__":
+    main()
