@@ -10,6 +10,7 @@ import xarray as xr
 from divided import SCANS, setup, with_results
 from flgpr.method.alarm_sums import AlarmSums, own_column_count
 from flgpr.method.passes.traversal import ImagedScan
+from flgpr.stages.sums import StageSums
 from small_lane import small_recipe
 
 TWO_ALARMS = pd.DataFrame({"x": [0.0, 1.0], "y": [5.0, 6.0]})

@@ -72,7 +72,8 @@ class Height(FeatureStage):
         carrier = float(np.mean(setup.imager.subbands[name]))
         self.wavenumber = 4 * np.pi * carrier / SPEED_OF_LIGHT
         across, along, up = np.array(_STEPS) * SPEED_OF_LIGHT / carrier
-        self.heights = _spread(*settings.span, up)
+        lowest, highest = settings.span
+        self.heights = _spread(lowest, highest, up)
         trials = np.meshgrid(
             self.heights,
             _spread(-across, across, across),
