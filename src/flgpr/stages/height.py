@@ -5,8 +5,9 @@ the height H of the array and the ground range r. That changes as the array come
 only one height brings all looks into phase. Poses must hold within a tenth of a wavelength from
 look to look: ``flgpr calibrate poses`` sees to it.
 
-An object under the ground looks as if it stood 0.2 of its depth below: the wave in the ground is
-steep from near and from far. So its depth is not told.
+An object under the ground shows farther away, and so looks as if it stood below: an array 5 m high
+that looks 8 to 16 m ahead sees 0.4 of its depth. The echo of the ground above it hides that, so no
+depth is told.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from flgpr.screen.views import grid_of, sampled
 from flgpr.stages import FeatureStage, Positive, Setup, Table, channel_of
 from flgpr.types import AnyArray, Arrays, ComplexArray, FloatArray, floats
 
-_STEPS = (1.2, 0.9, 0.3)
+_STEPS = (0.6, 0.45, 0.3)
 """Wavelengths between trial places across the track, along it and in height.
 
 Between neighbours the phase of one look against another changes by less than a third of a turn.
