@@ -105,6 +105,8 @@ def test_an_alarm_is_explained():
         "confidence 5 (4 suffices), seen by one scan only: take another look, 80 % of it is the roadside's, "
         "at the edge of the lane"
     )
+    higher = alarm | {"height": 0.414, "height_low": 0.3, "height_high": 0.5}
+    assert "roadside's, at a height of 0.41 m (0.30 to 0.50), at" in alarm_sentence(higher, LANE, 4)
     plain = {"x": 0.0, "y": 3.0, "confidence": 0.0, "p": 0.5, "scans": 3.0, "roadside": np.nan}
     assert alarm_sentence(plain, LANE, -1.0) == (
         "probability 0.50 where mines are as frequent as in training, seen by 3 scans"

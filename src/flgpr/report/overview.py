@@ -367,7 +367,7 @@ def alarm_sentence(alarm: Mapping[Hashable, Any], lane: Lane, border: float) -> 
     Returns
     -------
     str
-        Its strength, the scans that saw it, the roadside and the lane's edge.
+        Its strength, the scans that saw it, the roadside, its height and the lane's edge.
     """
     confidence = float(alarm["confidence"])
     parts = [f"confidence {confidence:.3g} ({border:.3g} suffices)"]
@@ -382,6 +382,9 @@ def alarm_sentence(alarm: Mapping[Hashable, Any], lane: Lane, border: float) -> 
         share = f"{min(100 * roadside, 100):.0f} %"
         is_mostly = roadside >= _MOSTLY
         parts.append(f"{share} of it is the roadside's" if is_mostly else "not the roadside's")
+    if not pd.isna(alarm.get("height")):
+        height, low, high = (alarm[f"height{end}"] for end in ("", "_low", "_high"))
+        parts.append(f"at a height of {height:.2f} m ({low:.2f} to {high:.2f})")
     margin = min(alarm["x"] - lane.x_min, lane.x_max - alarm["x"])
     if margin < _EDGE:
         parts.append("at the edge of the lane")
