@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 from common import CONTRAST_RECIPE, with_share
 from flgpr import detect
@@ -165,16 +166,42 @@ def told(alarms: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def draw(alarms: pd.DataFrame, path: Path) -> None:
+    """Draw what is told of every alarm with focused poses, by the kind of thing it belongs to."""
+    some = alarms[(alarms["poses"] == "1 cm, focused") & alarms["height"].notna()]
+    kinds = kind_of(some)
+    order = ["ground", "mine", "rock", *sorted(set(kinds) - {"ground", "mine", "rock"})]
+    figure = Figure(figsize=(9.6, 4.2), layout="constrained")
+    axes = figure.subplots()
+    begin = 0
+    for kind in (kind for kind in order if (kinds == kind).any()):
+        of_kind = some[kinds == kind].sort_values("height")
+        x = begin + np.arange(len(of_kind)) * (0.25 if kind == "ground" else 1.0)
+        low, high = (of_kind[f"height_{end}"] for end in ("low", "high"))
+        axes.vlines(x, low, high, color="0.6", linewidth=1)
+        axes.plot(x, of_kind["height"], ".", markersize=5, color="C0")
+        if kind != "bush":
+            axes.plot(x, of_kind["true"], "_", markersize=5, color="C3")
+        axes.annotate(kind.replace(" at", "\nat"), (x.mean(), 1.32), ha="center", fontsize=8)
+        begin = x[-1] + 4
+    axes.axhline(GROUND, color="0.3", linewidth=0.8, linestyle=":")
+    axes.set(xticks=[], ylim=(-0.4, 1.5), ylabel="height, m")
+    figure.savefig(path, dpi=90, metadata={"Software": None})
+
+
 def main() -> None:
     """Make the roads, detect, and write the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("out", type=Path)
+    parser.add_argument("--figure", type=Path, help="PNG of all heights with focused poses")
     given = parser.parse_args()
     alarms = collected(given.out)
     write_table(alarms, given.out / "alarms.csv")
     table = told(alarms)
     write_table(table, given.out / "alarm-heights.csv")
     print(table.to_string())
+    if given.figure:
+        draw(alarms, given.figure)
 
 
 if __name__ == "__main__":

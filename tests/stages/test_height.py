@@ -108,7 +108,7 @@ def test_what_stands_above_the_ground_is_counted():
     low, high = [0.3, -0.1, 0.1, np.nan], [0.5, 0.2, 0.3, np.nan]
     alarms = pd.DataFrame({"height": low, "height_low": low, "height_high": high})
     assert one.of_alarms(alarms) == [
-        "of 4 alarms 1 stand more than 0.2 m above the ground, 1 do not, of 2 it cannot be told"
+        "alarms that stand more than 0.2 m above the ground: 1 of 4; at it or under it: 1; not told: 2"
     ]
 
 

@@ -135,8 +135,8 @@ class Height(FeatureStage):
         above = int((alarms["height_low"] > ground).sum())
         on_ground = int((alarms["height_high"] <= ground).sum())
         return [
-            f"of {len(alarms)} alarms {above} stand more than {ground:g} m above the ground, "
-            f"{on_ground} do not, of {len(alarms) - above - on_ground} it cannot be told"
+            f"alarms that stand more than {ground:g} m above the ground: {above} of {len(alarms)}; "
+            f"at it or under it: {on_ground}; not told: {len(alarms) - above - on_ground}"
         ]
 
 
