@@ -1,8 +1,8 @@
 """How well the height of what raises an alarm is told, on the roads that ``alarm_height.toml`` declares.
 
 ``python evidence/alarm_height.py OUT`` simulates the roads, detects under every condition, and writes ``alarms.csv``,
-every alarm with what it belongs to and the true height, and ``alarm-heights.csv``, what is told of each kind of thing.
-Runs and alarms that are there are kept.
+every alarm with what it belongs to and the true height, ``alarm-heights.csv``, what is told of each kind of thing, and
+``alarm-height-claims.csv``. Runs and alarms that are there are kept.
 """
 
 from __future__ import annotations
@@ -22,16 +22,21 @@ from flgpr.calibrate import focus_poses
 from flgpr.clutter import subtract_mean_scan
 from flgpr.imaging import ImagingOperator
 from flgpr.jobs.simulated_lane import simulate_to_store
+from flgpr.method.method import detect as detect_in_memory
 from flgpr.model import Lane
+from flgpr.recipe.schema import parse_recipe
 from flgpr.simulate import Scene
 from flgpr.simulate.ground.roughness import surface_heights
 from flgpr.simulate.ground.terrain import TerrainHeights
 from flgpr.simulate.scene.draw import stream
 from flgpr.store import open_run, read_table, save_run, write_table
+from full_wave_lanes import array_of, decks_of, run_of
+from full_wave_lanes import declared as lanes_declared
 from pose_focus import sensor, with_pose, wrong_poses
 
 DECLARED: dict[str, Any] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 GROUND = 0.15  # m, the stage's default
+SHOWN = ("exact", "1 cm, focused")
 
 
 def scene_of(site: str, step: list[float]) -> Scene:
@@ -147,21 +152,49 @@ def kind_of(alarm: pd.DataFrame) -> pd.Series:
     return alarm["thing"].where(~mines, "mine").where(alarm["thing"] != "fiducial", reflector)
 
 
+def above(some: pd.DataFrame) -> str:
+    """Return how many alarms are said to stand above the ground."""
+    return with_share(int((some["height_low"] > GROUND).sum()), len(some))
+
+
+def held(some: pd.DataFrame) -> str:
+    """Return of how many alarms the interval holds the true height."""
+    inside = some["true"].between(some["height_low"], some["height_high"])
+    return with_share(int(inside.sum()), len(some))
+
+
 def told(alarms: pd.DataFrame) -> pd.DataFrame:
-    """Return what is told of each kind of thing under each condition, as text."""
+    """Return what is told of each kind of thing with exact and with focused poses, as text."""
     rows = []
-    known = alarms[alarms["height"].notna()]
-    for (poses, kind), some in known.groupby(["poses", kind_of(known)], sort=False):
-        error = some["height"] - some["true"]
-        inside = some["true"].between(some["height_low"], some["height_high"])
-        row = {"poses": poses, "thing": kind, "alarms": len(some)}
-        row["height, m"] = f"{some['height'].median():.2f}"
-        row["error, m"] = f"{error.median():+.2f} ± {error.std():.2f}"
-        row["interval, m"] = f"{(some['height_high'] - some['height_low']).median():.2f}"
-        row["true height in it"] = "·" if kind == "bush" else with_share(inside.sum(), len(some))
-        above = int((some["height_low"] > GROUND).sum())
-        row["said to stand above"] = with_share(above, len(some))
-        row["said not to"] = int((some["height_high"] <= GROUND).sum())
+    for kind, some in alarms.groupby(kind_of(alarms)):
+        row = {"thing": kind}
+        for poses in SHOWN:
+            of_poses = some[some["poses"] == poses]
+            error = of_poses["height"] - of_poses["true"]
+            row[f"{poses}: error, m"] = f"{error.std():.2f} about {error.median().round(2) + 0.0:+.2f}"
+            row[f"{poses}: interval holds it"] = held(of_poses)
+            row[f"{poses}: said to stand above"] = above(of_poses)
+            if kind == "bush":  # it has twigs at all heights
+                row[f"{poses}: error, m"] = row[f"{poses}: interval holds it"] = "·"
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def claims(alarms: pd.DataFrame) -> pd.DataFrame:
+    """Return the figures that the claims are about, under every condition, as text."""
+    kind = kind_of(alarms)
+    reflector = kind.str.startswith("reflector")
+    high = (reflector & (alarms["stands"] >= 0.4)) | (kind == "bush")
+    rows = []
+    for poses, index in alarms.groupby("poses", sort=False).groups.items():
+        some = alarms.loc[index]
+        row = {"poses": poses}
+        row["interval holds the height, reflectors"] = held(some[reflector[index]])
+        row["the same, ground"] = held(some[kind[index] == "ground"])
+        row["reflectors from 0.4 m on, and bushes, said to stand above"] = above(some[high[index]])
+        row["ground and mines said to"] = above(some[kind[index].isin(["ground", "mine"])])
+        width = some["height_high"] - some["height_low"]
+        row["median interval, m"] = f"{width.median():.2f}"
         rows.append(row)
     return pd.DataFrame(rows)
 
@@ -173,20 +206,41 @@ def draw(alarms: pd.DataFrame, path: Path) -> None:
     order = ["ground", "mine", "rock", *sorted(set(kinds) - {"ground", "mine", "rock"})]
     figure = Figure(figsize=(9.6, 4.2), layout="constrained")
     axes = figure.subplots()
-    begin = 0
+    begin = 0.0
+    interval, height, true = "90 % interval", "height that is told", "true height"
     for kind in (kind for kind in order if (kinds == kind).any()):
         of_kind = some[kinds == kind].sort_values("height")
-        x = begin + np.arange(len(of_kind)) * (0.25 if kind == "ground" else 1.0)
+        x = begin + np.arange(len(of_kind)) * (0.25 if kind == "ground" else 1.6)
         low, high = (of_kind[f"height_{end}"] for end in ("low", "high"))
-        axes.vlines(x, low, high, color="0.6", linewidth=1)
-        axes.plot(x, of_kind["height"], ".", markersize=5, color="C0")
+        axes.vlines(x, low, high, color="0.6", linewidth=1, label=interval)
+        axes.plot(x, of_kind["height"], ".", markersize=5, color="C0", label=height)
         if kind != "bush":
-            axes.plot(x, of_kind["true"], "_", markersize=5, color="C3")
-        axes.annotate(kind.replace(" at", "\nat"), (x.mean(), 1.32), ha="center", fontsize=8)
-        begin = x[-1] + 4
+            axes.plot(x, of_kind["true"], "_", markersize=5, color="C3", label=true)
+        interval, height, true = "", "", ""  # once in the legend
+        label = kind.removeprefix("reflector at ")
+        axes.annotate(label, (x.mean(), 1.28), ha="center", fontsize=9)
+        begin = x[-1] + 6
+        if kind == order[-3]:  # in the middle of the reflectors
+            axes.annotate("reflectors at", (x.mean(), 1.37), ha="center", fontsize=9)
     axes.axhline(GROUND, color="0.3", linewidth=0.8, linestyle=":")
+    axes.legend(loc="lower right", fontsize=8)
     axes.set(xticks=[], ylim=(-0.4, 1.5), ylabel="height, m")
     figure.savefig(path, dpi=90, metadata={"Software": None})
+
+
+def on_full_wave() -> pd.DataFrame:
+    """Return the alarms on the drive that gprMax computed, on which all things lie on the ground."""
+    common = lanes_declared(Path(__file__).with_name("pose_full_wave.toml"))
+    (lane,) = common["lanes"]
+    run = run_of(lane, decks_of(common, lane, array_of(common)).manifest)
+    entries = {"near": 0.75, "channel": "VV", "band": [0.45e9, 1.5e9], "frames": 1}
+    text = (
+        CONTRAST_RECIPE.format(**entries)
+        .replace("16.0", "6.5")
+        .replace('"mean"\nmed', '"none"\nmed')
+    )
+    text += '\n[[columns]]\nstage = "height"\nspan = [-0.3, 0.5]\nreach = 0.15\n'
+    return detect_in_memory(run, parse_recipe(text), Lane(-1.0, 1.0, 1.2, 5.2)).alarms
 
 
 def main() -> None:
@@ -197,9 +251,14 @@ def main() -> None:
     given = parser.parse_args()
     alarms = collected(given.out)
     write_table(alarms, given.out / "alarms.csv")
-    table = told(alarms)
-    write_table(table, given.out / "alarm-heights.csv")
-    print(table.to_string())
+    known = alarms[alarms["height"].notna()]
+    for name, table in {"alarm-heights": told(known), "alarm-height-claims": claims(known)}.items():
+        write_table(table, given.out / f"{name}.csv")
+        print(table.to_string())
+    print(f"alarms without a height: {len(alarms) - len(known)} of {len(alarms)}")
+    wave = on_full_wave().dropna()
+    within = (wave["height_low"] <= 0.0) & (wave["height_high"] >= 0.0)
+    print(f"gprMax: {within.sum()} of {len(wave)} intervals hold the ground", wave, sep="\n")
     if given.figure:
         draw(alarms, given.figure)
 
