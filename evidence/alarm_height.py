@@ -171,7 +171,9 @@ def told(alarms: pd.DataFrame) -> pd.DataFrame:
         for poses in SHOWN:
             of_poses = some[some["poses"] == poses]
             error = of_poses["height"] - of_poses["true"]
-            row[f"{poses}: error, m"] = f"{error.std():.2f} about {error.median().round(2) + 0.0:+.2f}"
+            row[f"{poses}: error, m"] = (
+                f"{error.std():.2f} about {error.median().round(2) + 0.0:+.2f}"
+            )
             row[f"{poses}: interval holds it"] = held(of_poses)
             row[f"{poses}: said to stand above"] = above(of_poses)
             if kind == "bush":  # it has twigs at all heights
