@@ -1,7 +1,7 @@
-"""What images with lower side lobes could still find, on the roads that ``better_images.toml`` declares.
+"""Tell what images with lower side lobes could still find, on the roads that ``better_images.toml`` declares.
 
-``python evidence/better_images.py OUT`` simulates the roads, detects, and writes ``better-images.csv``: mines found in the
-open, beside bright things, with these fitted and subtracted, and with tones missing. Runs that are there are kept.
+``python evidence/better_images.py OUT`` simulates the roads, detects, and writes ``better-images.csv``: mines found in
+the open, beside bright things, with these fitted and subtracted, and with tones missing. Runs that are there are kept.
 """
 
 from __future__ import annotations
