@@ -117,6 +117,14 @@ def test_settings_that_make_no_sense_are_refused():
         HeightSettings(span=(0.1, 1.0))
     with pytest.raises(ValueError, match=r"span must hold .*, got \(-0.5, 0.1\)"):
         HeightSettings(span=(-0.5, 0.1))
+    for wrong in (
+        {"span": (-np.inf, 1.0)},
+        {"span": (0.0, np.nan)},
+        {"level": 0.0},
+        {"reach": 1e9},
+    ):
+        with pytest.raises(ValueError, match=next(iter(wrong))):
+            HeightSettings(**wrong)
     run = driven(np.array([[0.0, 5.0, 0.0]]), scans=2)
     with pytest.raises(
         ValueError, match=r"at most 4000 trial places at the wavelengths of F1, got"

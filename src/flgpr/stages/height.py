@@ -13,16 +13,17 @@ depth is told.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 import pandas as pd
 import xarray as xr
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from flgpr.model import SPEED_OF_LIGHT, ground_points, lane_to_scan, vehicle_to_scan
+from flgpr.model.bounds import Spacing
 from flgpr.screen.views import grid_of, sampled
-from flgpr.stages import FeatureStage, Positive, Setup, Table, channel_of
+from flgpr.stages import FeatureStage, Setup, Table, channel_of
 from flgpr.types import AnyArray, Arrays, ComplexArray, FloatArray, floats
 
 _STEPS = (0.6, 0.45, 0.3)
@@ -33,6 +34,7 @@ Between neighbours the phase of one look against another changes by less than a 
 _MOST_TRIALS = 4000  # places about an alarm, of 12 bytes each
 _FEWEST_LOOKS = 5
 _INTERVAL = (0.05, 0.5, 0.95)
+_Height = Annotated[float, Field(ge=-100, le=100)]
 
 
 class HeightSettings(Table):
@@ -40,10 +42,10 @@ class HeightSettings(Table):
 
     polarization: str | None = None  #: of the channel; by default the first
     subband: str | None = None  #: of the channel; by default the first
-    span: tuple[float, float] = (-0.3, 1.2)  #: lowest and highest height
-    reach: Positive = 0.3  #: how far along the track it may lie from where the alarm shows it
-    ground: Positive = 0.15  #: up to which height an echo counts as one of the ground
-    level: Positive = 0.05  #: standard deviation of the ground's height in the poses' frame
+    span: tuple[_Height, _Height] = (-0.3, 1.2)  #: lowest and highest height
+    reach: Spacing = 0.3  #: how far along the track it may lie from where the alarm shows it
+    ground: Spacing = 0.15  #: up to which height an echo counts as one of the ground
+    level: Spacing = 0.05  #: standard deviation of the ground's height in the poses' frame
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -75,17 +77,15 @@ class Height(FeatureStage):
         across, along, up = np.array(_STEPS) * SPEED_OF_LIGHT / carrier
         lowest, highest = settings.span
         self.heights = _spread(lowest, highest, up)
-        trials = np.meshgrid(
-            self.heights,
-            _spread(-across, across, across),
-            _spread(-settings.reach, settings.reach, along),
-            indexing="ij",
-        )
-        if trials[0].size > _MOST_TRIALS:
+        beside = _spread(-across, across, across)
+        before = _spread(-settings.reach, settings.reach, along)
+        count = self.heights.size * beside.size * before.size
+        if count > _MOST_TRIALS:
             raise ValueError(
                 f"height.span and height.reach must give at most {_MOST_TRIALS} trial places at "
-                f"the wavelengths of {name}, got {trials[0].size}: take a lower sub-band or less"
+                f"the wavelengths of {name}, got {count}: take a lower sub-band or less"
             )
+        trials = np.meshgrid(self.heights, beside, before, indexing="ij")
         antennas = np.concatenate([setup.run[end].values for end in ("tx_position", "rx_position")])
         self._middle = antennas.reshape(-1, 3).mean(axis=0)
         # Where an alarm is raised, what stands above the ground is nearer than it is.
