@@ -1,7 +1,7 @@
 """Tell what images with lower side lobes could still find, on the roads that ``better_images.toml`` declares.
 
-``python evidence/better_images.py OUT`` simulates the roads, detects, and writes ``better-images.csv``: mines found in
-the open, beside bright things, with these fitted and subtracted, and with tones missing. Runs that are there are kept.
+``python evidence/better_images.py OUT`` simulates the roads, detects, and writes ``better-images-SEED.csv``: mines found
+in the open, beside bright things, with these fitted and subtracted, and with tones missing. Runs that are there are kept.
 """
 
 from __future__ import annotations
@@ -27,12 +27,24 @@ from flgpr.store import open_run, write_table
 from pose_focus import sensor
 
 DECLARED: dict[str, Any] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
-CONDITIONS = ("in the open", "beside bright things", "these fitted", "a fifth of the tones missing")
+CONDITIONS = {  # road, tones missing, bright things fitted, what ranks
+    "contrast, in the open": ("open", False, False, "contrast"),
+    "contrast, beside bright things": ("bright", False, False, "contrast"),
+    "contrast, these fitted": ("bright", False, True, "contrast"),
+    "contrast, in the open, a fifth of the tones missing": ("open", True, False, "contrast"),
+    "magnitude, bright things fitted, in the open": ("open", False, True, "magnitude"),
+    "magnitude, beside bright things": ("bright", False, False, "magnitude"),
+    "magnitude, these fitted": ("bright", False, True, "magnitude"),
+}
+RIVALS = {name: "contrast, in the open" for name in CONDITIONS} | {
+    "magnitude, beside bright things": "contrast, beside bright things",
+    "magnitude, these fitted": "contrast, beside bright things",
+}
 
 
-def scene_of(site: str, bright: bool) -> Scene:
+def scene_of(site: str, seed: int, bright: bool) -> Scene:
     """Return the road of a site, in the open or with a bright thing beside every mine."""
-    rng = stream(DECLARED["seed"], f"places {site}")
+    rng = stream(seed, f"places {site}")
     sorts = [one for one in DECLARED["mines"] for _ in range(one["count"])]
     mines, things = [], []
     for place, number in enumerate(rng.permutation(len(sorts))):
@@ -48,11 +60,12 @@ def scene_of(site: str, bright: bool) -> Scene:
     return Scene.model_validate(entries)
 
 
-def road(out: Path, site: str, bright: bool) -> xr.Dataset:
-    """Return the run of a road, simulated if it is not there."""
-    home = out / site / ("bright" if bright else "open")
+def road(out: Path, site: str, seed: int, kind: str) -> xr.Dataset:
+    """Return the run of a road, "open" or "bright", simulated if it is not there."""
+    home = out / str(seed) / site / kind
     if not (home / "done").is_file():
-        simulate_to_store(scene_of(site, bright), sensor(), DECLARED["seed"], home / "run.zarr")
+        scene = scene_of(site, seed, kind == "bright")
+        simulate_to_store(scene, sensor(), seed, home / "run.zarr")
         (home / "done").touch()
     return open_run(home / "run.zarr").compute()
 
@@ -66,26 +79,23 @@ def with_gaps(run: xr.Dataset) -> xr.Dataset:
     return run.isel(frequency=np.flatnonzero(~(in_gap & (place > 0) & (place < DECLARED["gaps"]))))
 
 
-def main() -> None:
-    """Make the roads, detect, and write the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("out", type=Path)
-    out = parser.parse_args().out
+def found(out: Path, seed: int) -> pd.DataFrame:
+    """Return how many mines are found on the roads of a seed under every condition, as text."""
     entries = {"near": DECLARED["near"], "channel": "HH", "band": DECLARED["band"], "frames": 1}
     plain = CONTRAST_RECIPE.format(**entries)
     lists: dict[str, list[pd.DataFrame]] = {condition: [] for condition in CONDITIONS}
     truths, lanes = [], {}
     for site in DECLARED["sites"]:
-        scene = scene_of(site, bright=False)
+        scene = scene_of(site, seed, bright=False)
         lanes[site] = Lane(scene.x_min, scene.x_max, 0.0, scene.length)
-        truths.append(draw_world(scene, DECLARED["seed"]).truth().assign(lane=site))
-        in_open, beside = road(out, site, bright=False), road(out, site, bright=True)
-        runs = (in_open, beside, beside, with_gaps(in_open))
-        for condition, run in zip(CONDITIONS, runs, strict=True):
-            text = plain + (DECLARED["roadside"] if condition == "these fitted" else "")
+        truths.append(draw_world(scene, seed).truth().assign(lane=site))
+        runs = {kind: road(out, site, seed, kind) for kind in ("open", "bright")}
+        for condition, (kind, gaps, fitted, ranks) in CONDITIONS.items():
+            run = with_gaps(runs[kind]) if gaps else runs[kind]
+            text = f'confidence = "{ranks}"\n' + plain + (DECLARED["roadside"] if fitted else "")
             alarms = detect(run, parse_recipe(text), lanes[site]).alarms
             lists[condition].append(alarms.assign(lane=site))
-            print(site, condition, len(alarms), flush=True)
+            print(seed, site, condition, len(alarms), flush=True)
     truth = pd.concat(truths, ignore_index=True)
     matches = {}
     for condition, alarms in lists.items():
@@ -94,22 +104,29 @@ def main() -> None:
     compared = side_by_side(matches, DECLARED["fars"], means=False)
     points = compared.points.set_index(["detector", "far_allowed"])
     rows = []
-    for condition in CONDITIONS:
-        row: dict[str, object] = {"C_HH": condition}
+    for condition, rival in RIVALS.items():
+        row: dict[str, object] = {"ranked by": condition}
         for far in DECLARED["fars"]:
             point = points.loc[(condition, far)]
             row[f"at {far:g} per m²"] = with_share(
                 int(point["n_detected"]), int(point["n_targets"])
             )
-        row["lost and gained against the open, at 0.02"] = "·"
-        if condition != CONDITIONS[0]:
-            gained, lost, chance = alone(compared.pairs, 0.02, condition, CONDITIONS[0])
-            row["lost and gained against the open, at 0.02"] = (
-                f"{lost} and {gained}, p = {chance:.2g}"
-            )
+        for far in DECLARED["fars"] if condition != rival else ():
+            own, its, chance = alone(compared.pairs, far, condition, rival)
+            row[f"alone, at {far:g}"] = f"{own}, {rival} {its}, p = {chance:.2g}"
         rows.append(row)
-    write_table(pd.DataFrame(rows), out / "better-images.csv")
-    print(pd.DataFrame(rows).to_string())
+    return pd.DataFrame(rows).fillna("·")
+
+
+def main() -> None:
+    """Make the roads, detect, and write the tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("out", type=Path)
+    out = parser.parse_args().out
+    for seed in DECLARED["seeds"]:
+        table = found(out, seed)
+        write_table(table, out / f"better-images-{seed}.csv")
+        print(table.to_string())
 
 
 if __name__ == "__main__":
