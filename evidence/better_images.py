@@ -1,7 +1,8 @@
 """Tell what images with lower side lobes could still find, on the roads that ``better_images.toml`` declares.
 
-``python evidence/better_images.py OUT`` simulates the roads, detects, and writes ``better-images-SEED.csv``: mines found
-in the open, beside bright things, with these fitted and subtracted, and with tones missing. Runs that are there are kept.
+``python evidence/better_images.py OUT`` simulates the roads, detects, and writes ``better-images-SEED.csv``: mines
+found in the open, beside bright things, with these fitted and subtracted, and with tones missing, ranked by contrast
+and by magnitude. Runs that are there are kept.
 """
 
 from __future__ import annotations
