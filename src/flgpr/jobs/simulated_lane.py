@@ -94,25 +94,15 @@ def simulate_to_store(
         raise ValueError(f"truth must be another file than the output, got {truth}")
     simulator = Simulator(scene, sensor, seed, errors)
     try:
-        tx, rx = sensor.pairs()
         attrs = simulator.attributes() | {
             "source": "simulated by flgpr",
             "title": scene.name,
             "scene_sha256": _digest(scene),
         }
         inputs = {"flgpr": __version__, "sensor_sha256": _digest(sensor), "errors": errors}
-        polarization = list(sensor.polarization)
-        begun = RunWriter(
-            store,
-            simulator.frequency,
-            polarization,
-            tx,
-            rx,
-            attrs,
-            resume=resume,
-            inputs=inputs,
-            limits=simulator.limits(),
-        )
+        fixed = (simulator.frequency, list(sensor.polarization), *sensor.pairs(), attrs)
+        limits = simulator.limits()
+        begun = RunWriter(store, *fixed, resume=resume, inputs=inputs, limits=limits)
     except RunExistsError as error:
         if not error.same:
             raise
