@@ -148,3 +148,13 @@ def test_tables_lie_beside_the_run_and_are_not_written_again(small_run, tmp_path
 def test_options_of_a_track_are_not_dropped_without_one(name, value, tmp_path):
     with pytest.raises(ValueError, match=f"{name}: these are of `track`"):
         import_mapped(tmp_path / "m.toml", tmp_path / "q.zarr", **{name: value})
+
+
+def test_an_import_replaces_no_table_that_somebody_made_beside_the_run(tmp_path, small_run):
+    surveyed = tmp_path / "lane-truth.csv"
+    surveyed.write_text("by hand\n")
+    truth = pd.DataFrame({"target_id": ["m"], "x": [0.0], "y": [1.0], "depth": [0.1]})
+    with pytest.raises(FileExistsError, match=r"lane-truth\.csv, which holds something else"):
+        store_with_tables(small_run, tmp_path / "lane.zarr", {"truth": truth})
+    assert surveyed.read_text() == "by hand\n"
+    assert not (tmp_path / "lane.zarr").exists()

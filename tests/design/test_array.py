@@ -97,5 +97,8 @@ def test_deeper_mines_are_weaker_against_the_same_clutter(small, found):
 def test_faults_are_told(small):
     with pytest.raises(ValueError, match="band must hold at least two tones"):
         study(small, Question(band=(5e9, 6e9)))
+    for depth in (-1.0, 50.0, float("nan")):
+        with pytest.raises(ValueError, match=f"depth must lie between 0 and 1 m, got {depth}"):
+            study(small, Question(depth=depth))
     with pytest.raises(ValueError, match="window must be one of"):
         PointSpread(small, window="square")

@@ -202,6 +202,9 @@ def test_a_list_of_another_kind_names_the_option(anchor, tmp_path):
     with pytest.raises(ValueError, match="truth must have the columns") as told:
         export(path, tmp_path / "a.geojson", "geojson", anchor)
     assert "--kind" not in str(told.value)
+    assert "`columns` target_id=NAME says which it is" in str(told.value)
+    with pytest.raises(ValueError, match="kind must be one of alarms, truth, objects, got 'mines'"):
+        export(path, tmp_path / "a.geojson", "geojson", anchor, kind="mines")
 
 
 @pytest.mark.parametrize(

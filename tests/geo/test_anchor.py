@@ -235,3 +235,15 @@ def test_a_lane_elsewhere_on_the_earth_is_not_the_same(other, apart):
 def test_a_lane_a_few_metres_off_or_of_no_place_may_be_the_same(other):
     check_same_place(HOME, HOME | other if isinstance(other, dict) and other else other, "b.zarr")
     check_same_place(None, HOME, "b.zarr")
+
+
+def test_points_closer_than_their_accuracy_fix_no_direction():
+    """An accuracy in mm would let points that are swapped pass, in any direction."""
+    points = [[500_000.0, 5_400_000.0], [500_000.0, 5_400_050.0]]
+    with pytest.raises(
+        ValueError, match=r"five times the accuracy of 20 m, got a spread of 35\.4 m"
+    ):
+        fit_anchor([[0, 0, 0], [0, 50.0, 0]], points, "EPSG:32633", 20.0)
+    with pytest.raises(ValueError, match=r"must lie apart .* got a spread of 0 m"):
+        fit_anchor([[0, 50.0, 0], [0, 50.0, 0]], points, "EPSG:32633", 0.02)
+    assert fit_anchor([[0, 0, 0], [0, 50.0, 0]], points, "EPSG:32633", 5.0).sigma == 5.0

@@ -47,3 +47,28 @@ def test_a_stored_lane_is_the_simulated_one(small, tmp_path, caplog):
     simulate_to_store(scene, sensor, 5, tmp_path / "again.zarr", truth=tmp_path / "key.csv")
     assert (tmp_path / "key.csv").read_bytes() == (tmp_path / "lane-truth.csv").read_bytes()
     assert not (tmp_path / "again-truth.csv").exists()
+
+
+def test_no_file_beside_a_lane_is_replaced_and_one_that_is_gone_is_written_again(small, tmp_path):
+    scene, sensor = small
+    scene = scene.model_copy(update={"track": scene.track.model_copy(update={"positions": (0.0,)})})
+    store = tmp_path / "lane.zarr"
+    for name in ("lane-truth.csv", "lane-objects.csv", "lane-lane.toml"):
+        (tmp_path / name).write_text("surveyed by hand\n")
+        with pytest.raises(FileExistsError, match=name):
+            simulate_to_store(scene, sensor, 5, store)
+        assert (tmp_path / name).read_text() == "surveyed by hand\n"
+        assert not store.exists()
+        (tmp_path / name).unlink()
+    with pytest.raises(ValueError, match=r"truth must be another file than the output, got"):
+        simulate_to_store(scene, sensor, 5, store, truth=store)
+    with pytest.raises(FileExistsError, match=r"lane-lane\.toml"):
+        simulate_to_store(scene, sensor, 5, store, truth=tmp_path / "lane-lane.toml")
+    (tmp_path / "lane-lane.toml").unlink()
+    written = simulate_to_store(scene, sensor, 5, store)
+    assert store in written
+    truth = (tmp_path / "lane-truth.csv").read_bytes()
+    assert simulate_to_store(scene, sensor, 5, store) == []
+    (tmp_path / "lane-truth.csv").unlink()
+    assert simulate_to_store(scene, sensor, 5, store) == [tmp_path / "lane-truth.csv"]
+    assert (tmp_path / "lane-truth.csv").read_bytes() == truth

@@ -6,6 +6,7 @@ from importlib import resources
 import pytest
 
 from flgpr.formats.mapping import parse_mapping
+from flgpr.geo import read_anchor
 from flgpr.model import load_sensor
 from flgpr.recipe.schema import load_recipe, parse_recipe
 from flgpr.simulate import load_scene
@@ -69,3 +70,12 @@ def test_faults_of_a_sensor_a_recipe_and_a_mapping(tmp_path):
         parse_recipe, "[image]\nspacing_m = 1"
     )
     assert told(parse_mapping, "titles = 'a'").startswith("mapping: ")
+
+
+def test_a_fault_names_no_type_of_the_schema(tmp_path):
+    path = tmp_path / "anchor.toml"
+    path.write_text(
+        'crs = "EPSG:32633"\naccuracy = 0.02\n[[point]]\nlane = [0.0]\neasting = 1.0\nnorthing = 2.0\n'
+    )
+    with pytest.raises(ValueError, match=r"point\.0\.lane\.1: is missing"):
+        read_anchor(path)

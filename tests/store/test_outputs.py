@@ -303,3 +303,9 @@ def test_a_folder_that_a_process_writes_in_stays(tmp_path):
     log_finished(tmp_path / "other")
     assert (tmp_path / "elsewhere").is_dir()
     assert link.is_symlink()
+
+
+@pytest.mark.parametrize("output", [".", "/"])
+def test_an_output_without_a_name_is_refused(output):
+    with pytest.raises(ValueError, match=rf"output must have a name of its own, got '{output}'"):
+        write_new(Path(output), "text")

@@ -103,3 +103,9 @@ def test_rows_that_cannot_be_read_are_parted_by_their_lines_in_the_file():
     ]
     table = parse_table(readable, "alarms", "a.csv")
     assert table[["x", "y", "confidence"]].to_numpy().tolist() == [[1.5, 2, 3], [4, 5, 6]]
+
+
+def test_a_kind_of_table_that_is_not_known_is_named(tmp_path):
+    (tmp_path / "t.csv").write_text("target_id,x,y,depth\nm,0,1,0.1\n")
+    with pytest.raises(ValueError, match="kind must be one of alarms, truth, objects, got 'mines'"):
+        read_table(tmp_path / "t.csv", "mines")

@@ -14,7 +14,7 @@ from flgpr.geo import Anchor, anchor_from_fixes
 from flgpr.model.motion import judge_run
 from flgpr.store import save_run, write_table
 from flgpr.store.run_writer import is_stored
-from flgpr.store.writing import write_table_beside
+from flgpr.store.writing import write_table_pair
 from flgpr.types import PathLike
 
 
@@ -62,7 +62,8 @@ def store_with_tables(
         store.parent.mkdir(parents=True, exist_ok=True)
         for name, table in tables.items():
             if table is not None:
-                written.append(write_table_beside(store, name, table))
+                path = store.with_name(f"{store.stem}-{name}.csv")
+                written.append(write_table_pair(table, path))
     # ``resume`` takes away what a killed writer left in a whole store.
     save_run(run, store, resume=True, share_files=True)
     return written

@@ -178,20 +178,10 @@ def simulate_lane(
         lines += [f"left out: {reason}" for reason in decks.omissions]
         paths.append(Path(output))
     elif output is not None:
-        resume = not restart
         lines += ground_echo_lines(array)
         with _restart_named():
-            paths += simulate_to_store(
-                loaded_scene,
-                array,
-                seed,
-                output,
-                errors,
-                track or silent,
-                resume,
-                truth,
-                force=force,
-            )
+            options = (errors, track or silent, not restart, truth)
+            paths += simulate_to_store(loaded_scene, array, seed, output, *options, force=force)
     return SimulationOutput(paths, lines)
 
 

@@ -11,7 +11,7 @@ import xarray as xr
 
 from flgpr.design.grounds import GroundModel, bare_lane, ground_model
 from flgpr.design.point_spread import PointSpread, ground_plane
-from flgpr.design.signal_to_clutter import Viewing, expected_signal_to_clutter
+from flgpr.design.signal_to_clutter import Viewing, check_bodies, expected_signal_to_clutter
 from flgpr.imaging import ScanImager
 from flgpr.model import SPEED_OF_LIGHT, Grid, Sensor
 from flgpr.model.ambiguity import phase_centre_gap
@@ -95,11 +95,12 @@ def study(sensor: Sensor, question: Question | None = None, track: Track = silen
     Raises
     ------
     ValueError
-        If the site, the band or the window is not known.
+        If the site, the band or the window is not known, or the depth is out of range.
     """
     asked = question or Question()
     if asked.site not in sites():
         raise ValueError(f"site must be one of {', '.join(sites())}, got {asked.site!r}")
+    check_bodies(list(BODIES.values()), [asked.depth])
     ground = ground_model(asked.site, rms_height=asked.rms_height)
     spread = PointSpread(sensor, asked.band, asked.window)
 

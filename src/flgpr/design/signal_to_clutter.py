@@ -216,7 +216,7 @@ def expected_signal_to_clutter(
         beyond the signature tables, at 3.225 GHz, are one of the cases.
     """
     view = _view(sensor, ground, viewing or Viewing())
-    _check_bodies(bodies, depths)
+    check_bodies(bodies, depths)
     rows = []
     for subband, edges in view.subbands.items():
         band = _Band(view, edges)
@@ -279,7 +279,7 @@ def measure_signal_to_clutter(
         If a parameter breaks its rule: names it, the rule and the value.
     """
     view = _view(sensor, ground, viewing or Viewing())
-    _check_bodies(bodies, depths)
+    check_bodies(bodies, depths)
     if seeds < 2:
         raise ValueError(f"seeds must be at least 2, to give an interval, got {seeds}")
     if looks < 1:
@@ -472,7 +472,7 @@ def _checked_polarizations(sensor: Sensor, polarizations: Sequence[str] | None) 
     return tuple(requested)
 
 
-def _check_bodies(bodies: Sequence[str], depths: Sequence[float]) -> None:
+def check_bodies(bodies: Sequence[str], depths: Sequence[float]) -> None:
     """Refuse unknown bodies and depths out of range."""
     if isinstance(bodies, str) or not len(bodies):
         raise ValueError(f"bodies must be a sequence of at least one name, got {bodies!r}")

@@ -477,7 +477,7 @@ def fit_anchor(
     xyz = np.stack(transformer_of(GEODETIC, GEOCENTRIC).transform(*lonlat.T, up), axis=-1)
     enu = (xyz - geocentric(origin)) @ east_north_up(origin).T
     if azimuth is None:
-        azimuth, spread = _direction(local, enu)
+        azimuth, spread = _direction(local, enu, accuracy)
         azimuth_accuracy = 0.0
     else:
         spread = math.inf
@@ -538,14 +538,15 @@ def _check_misfit(misfit: FloatArray, accuracy: float) -> None:
         )
 
 
-def _direction(lane: FloatArray, enu: FloatArray) -> tuple[float, float]:
+def _direction(lane: FloatArray, enu: FloatArray, accuracy: float) -> tuple[float, float]:
     """Fit the azimuth of +y, rad, and return the sum of squared distances from the mean, m²."""
     a = (lane - lane.mean(axis=0))[:, :2]
     b = (enu - enu.mean(axis=0))[:, :2]
     spread = float((a**2).sum())
-    if spread < 1e-6:
+    if spread < max(1e-6, (5 * accuracy) ** 2):  # the direction would be known to 0.2 rad or worse
         raise ValueError(
-            "anchor points must lie apart from one another, they coincide in the lane frame"
+            "anchor points must lie apart from one another in the lane frame, by more than five "
+            f"times the accuracy of {accuracy:g} m, got a spread of {math.sqrt(spread):.3g} m"
         )
     # East + j·north is the lane's x + jy turned by -azimuth.
     turn = np.sum((b[:, 0] + 1j * b[:, 1]) * (a[:, 0] - 1j * a[:, 1]))

@@ -17,14 +17,12 @@ from flgpr.store import (
     canonical_json,
     lane_text,
     sha256,
-    write_geojson,
-    write_table,
     write_whole,
 )
 from flgpr.store.lane_file import lane_file_of
 from flgpr.store.outputs import atomic_output, log_finished
 from flgpr.store.run_writer import RunExistsError
-from flgpr.store.writing import write_table_beside
+from flgpr.store.writing import write_table_pair
 from flgpr.types import PathLike
 
 
@@ -44,7 +42,8 @@ def simulate_to_store(
 
     Beside it stand ``NAME-truth.csv`` and ``NAME-objects.csv``, both as GeoJSON in the lane frame,
     too, and ``NAME-lane.toml``. A stopped call continues when made again with the same arguments,
-    to the same bits; a whole lane of the same arguments stays as it is.
+    to the same bits; a whole lane of the same arguments stays as it is, and of the files beside it
+    those that are gone are written again.
 
     Parameters
     ----------
@@ -72,14 +71,16 @@ def simulate_to_store(
     Returns
     -------
     list of Path
-        All that was written.
+        All that was written; files that were there already are left out.
 
     Raises
     ------
     ValueError
-        If it would take too much memory or time; nothing is made then.
+        If it would take too much memory or time, or the truth is the output; nothing is made then.
     RunStoreError
         If the output was left by a call for another lane.
+    FileExistsError
+        If another lane is at the output, or a file of other content beside it.
 
     Warns
     -----
@@ -89,41 +90,26 @@ def simulate_to_store(
     check_effort(scene, sensor, force)
     warn_of_aliases(sensor)
     store = Path(output)
+    if truth is not None and store.absolute() == Path(truth).absolute():
+        raise ValueError(f"truth must be another file than the output, got {truth}")
     simulator = Simulator(scene, sensor, seed, errors)
     try:
-        tx, rx = sensor.pairs()
         attrs = simulator.attributes() | {
             "source": "simulated by flgpr",
             "title": scene.name,
             "scene_sha256": _digest(scene),
         }
         inputs = {"flgpr": __version__, "sensor_sha256": _digest(sensor), "errors": errors}
-        polarization = list(sensor.polarization)
-        begun = RunWriter(
-            store,
-            simulator.frequency,
-            polarization,
-            tx,
-            rx,
-            attrs,
-            resume=resume,
-            inputs=inputs,
-            limits=simulator.limits(),
-        )
+        fixed = (simulator.frequency, list(sensor.polarization), *sensor.pairs(), attrs)
+        limits = simulator.limits()
+        begun = RunWriter(store, *fixed, resume=resume, inputs=inputs, limits=limits)
     except RunExistsError as error:
         if not error.same:
             raise
         log_finished(store)
-        if truth is not None and not blind:
-            _write_named_truth(Path(truth), simulator)
-        return [store]
+        return _write_beside(store, simulator, truth, blind)
     with begun as writer:
-        written = [store]
-        if not blind:
-            written += _write_truth(store, simulator, truth)
-        borders = lane_file_of(store)
-        write_whole(borders, lane_text(simulator.scene.lane))
-        written.append(borders)
+        written = [store, *_write_beside(store, simulator, truth, blind, not resume)]
         poses = simulator.reported_pose()
         done = len(writer)
         total = len(simulator)
@@ -133,24 +119,31 @@ def simulate_to_store(
     return written
 
 
-def _write_truth(store: Path, simulator: Simulator, truth: PathLike | None) -> list[Path]:
-    """Write the tables of truth and objects, the former to the file that the user named, if any."""
-    written = []
-    tables = {"truth": simulator.truth, "objects": simulator.objects}
-    if truth is not None:
-        written.append(_write_named_truth(Path(truth), simulator))
-        del tables["truth"]
-    for name, table in tables.items():
-        written.append(write_table_beside(store, name, table))
-    return written
+def _write_beside(
+    store: Path,
+    simulator: Simulator,
+    truth: PathLike | None,
+    blind: bool,
+    replace: bool = False,
+) -> list[Path]:
+    """Write what stands beside a store; return its files, of a whole store those that were gone.
 
-
-def _write_named_truth(path: Path, simulator: Simulator) -> Path:
-    """Write the truth to a file that the user named; another one there is refused."""
-    for file, write in ((path, write_table), (path.with_suffix(".json"), write_geojson)):
-        with atomic_output(file) as partial:
-            write(simulator.truth, partial)
-    return path
+    Files of other content are refused; ``replace`` takes the place of those but a named truth.
+    """
+    tables = {}
+    if not blind:
+        key = Path(truth or store.with_name(f"{store.stem}-truth.csv"))
+        tables[key] = simulator.truth
+        tables[store.with_name(f"{store.stem}-objects.csv")] = simulator.objects
+    borders = lane_file_of(store)
+    is_new = not store.exists()
+    new = [path for path in (*tables, borders) if is_new or not path.exists()]
+    for path, table in tables.items():
+        is_named = truth is not None and table is simulator.truth
+        write_table_pair(table, path, replace and not is_named)
+    with atomic_output(borders, replace) as partial:
+        write_whole(partial, lane_text(simulator.scene.lane))
+    return new
 
 
 def _digest(description: Scene | Sensor) -> str:

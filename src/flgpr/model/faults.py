@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
@@ -17,7 +18,7 @@ from flgpr.model.printable import shortened
 from flgpr.toml_text import parse_toml
 
 # Names that pydantic inserts into a location where an entry may be of several types.
-_TYPE_NAMES = ("float", "str", "Variable")
+_TYPE_NAME = re.compile(r"float|str|Variable|constrained-\w+|tuple\[.*\]")
 MOST_FAULTS = 20
 """Faults of a file that are told, at most."""
 _LONGEST_MESSAGE = 4000  # characters of a message, which may hold the faults of a table within
@@ -103,7 +104,7 @@ def describe_fault(fault: Any, schema: type[BaseModel], file_name: str) -> str:
 
     A fault of no entry is one of the whole file, called ``file_name``.
     """
-    path = tuple(step for step in fault["loc"] if step not in _TYPE_NAMES)
+    path = tuple(step for step in fault["loc"] if not _TYPE_NAME.fullmatch(str(step)))
     where = ".".join(shortened(str(step)) for step in path) or file_name
     rule = _rule(fault, schema, path)
     return f"{where}: {rule}" if where else rule

@@ -127,14 +127,16 @@ def empty_table(columns: tuple[Column, ...]) -> pd.DataFrame:
 
 def required_columns(kind: str) -> list[str]:
     """Return the names of the columns that every table of a kind must have."""
+    if kind not in TABLES:
+        raise ValueError(f"kind must be one of {', '.join(TABLES)}, got {kind!r}")
     return [column.name for column in TABLES[kind] if column.required]
 
 
 def check_table(table: pd.DataFrame, kind: str) -> pd.DataFrame:
     """Return a checked copy of a table of a kind, whose rows have names unique within a lane."""
+    missing = [name for name in required_columns(kind) if name not in table.columns]
     columns = TABLES[kind]
     key = columns[0].name
-    missing = [name for name in required_columns(kind) if name not in table.columns]
     if missing:
         existing = ", ".join(map(str, table.columns))
         raise ValueError(f"{kind} must have the columns {', '.join(missing)}; got {existing}")

@@ -59,7 +59,8 @@ def design_report(
         raise ValueError(f"sensors must be one to four, got {len(sensors)}")
     path = Path(output)
     asked = question or Question()
-    designs = [study(load_sensor(sensor), asked, track) for sensor in sensors]
+    arrays = [load_sensor(sensor) for sensor in sensors]
+    designs = [study(array, asked, track) for array in arrays]
     path.parent.mkdir(parents=True, exist_ok=True)
     write_new(path, design_html(designs, asked))
     return designs

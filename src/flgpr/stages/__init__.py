@@ -15,7 +15,6 @@ import numpy as np
 from flgpr.detect.scorers.checks import Checked
 from flgpr.model.bounds import Entries
 from flgpr.model.bounds import Positive as Positive
-from flgpr.stages.sums import AlarmGatherer, StageSums
 from flgpr.types import AnyArray, Arrays, ComplexArray, Float32Array, FloatArray, floats
 
 if TYPE_CHECKING:
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
     from flgpr.engine import Accumulator, PlannedPass
     from flgpr.imaging import ScanImager
     from flgpr.model import Grid, Lane
+    from flgpr.stages.sums import AlarmGatherer
 
 
 def scan_bytes(sizes: Mapping[str, int]) -> float:
@@ -422,6 +422,8 @@ class FeatureStage(Stage):
         alarms : DataFrame
             ``x``, ``y`` in the lane frame, m.
         """
+        from flgpr.stages.sums import StageSums  # it needs pandas, which recipes do not
+
         return StageSums(self, alarms)
 
     def of_alarms(self, alarms: pd.DataFrame) -> list[str]:  # noqa: ARG002

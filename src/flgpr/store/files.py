@@ -303,6 +303,8 @@ def replaced_by(folder: Path) -> Path:
 
 def partial_folder(output: Path) -> Path:
     """Return the temporary folder in which an output is made."""
+    if not output.name:
+        raise ValueError(f"output must have a name of its own, got {str(output)!r}")
     return output.with_name(f"{PARTIAL_PREFIX}{output.name}")
 
 

@@ -13,6 +13,7 @@ import pandas as pd
 from pandas.api.types import is_numeric_dtype
 
 from flgpr.store.files import write_whole
+from flgpr.store.outputs import atomic_output
 
 _FORMULA = re.compile(r"'*[=+\-@\t\r\n\uff1d\uff0b\uff0d\uff20]")
 """Beginning of what a spreadsheet may run as a formula, or of such text that was quoted.
@@ -99,11 +100,11 @@ def without_quotes(table: pd.DataFrame) -> pd.DataFrame:
     return bare
 
 
-def write_table_beside(store: Path, name: str, table: pd.DataFrame) -> Path:
-    """Write a table beside the store of a run, as STORE-NAME.csv and .json; return the former."""
-    path = store.with_name(f"{store.stem}-{name}.csv")
-    write_table(table, path)
-    write_geojson(table, path.with_suffix(".json"))
+def write_table_pair(table: pd.DataFrame, path: Path, replace: bool = False) -> Path:
+    """Write a table as CSV and as .json beside it; refuse others there, unless ``replace``."""
+    for file, write in ((path, write_table), (path.with_suffix(".json"), write_geojson)):
+        with atomic_output(file, replace) as partial:
+            write(table, partial)
     return path
 
 

@@ -169,13 +169,15 @@ def _parsed(
     try:
         return parse_table(data, kind, source, reading)
     except ValueError as error:
+        message = str(error).replace("`truth_columns`", "`columns`")  # that of a score
         for other in ("alarms", "truth", "objects"):
             try:
                 parse_table(data, other, source, reading)
             except ValueError:
                 continue
-            raise ValueError(f"{error}: it reads as {other}, give `kind` {other}") from None
-        raise
+            message += f": it reads as {other}, give `kind` {other}"
+            break
+        raise ValueError(message) from None
 
 
 def _rows_of(wish: Wish, kind: str) -> _Rows:

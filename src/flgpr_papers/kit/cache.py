@@ -16,6 +16,7 @@ from flgpr.model import Lane
 from flgpr.progress import Track
 from flgpr.simulate import Scene, Sensor, draw_world
 from flgpr.store import Bundle, canonical_json, read_manifest, sha256, write_bundle, write_whole
+from flgpr.store.lane_file import lane_file_of
 from flgpr.types import Arrays
 
 
@@ -99,6 +100,7 @@ def store_lane(
         # The digest goes first: an interrupted simulation must not pass for a finished one.
         digest_file.unlink(missing_ok=True)
         shutil.rmtree(store, ignore_errors=True)
-        simulate_to_store(scene, sensor, seed, store, track=track)
+        lane_file_of(store).unlink(missing_ok=True)
+        simulate_to_store(scene, sensor, seed, store, track=track, blind=True)
         write_whole(digest_file, digest + "\n")
     return store, draw_world(scene, seed).truth(), scene.lane
