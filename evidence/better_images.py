@@ -112,9 +112,10 @@ def found(out: Path, seed: int) -> pd.DataFrame:
             row[f"at {far:g} per m²"] = with_share(
                 int(point["n_detected"]), int(point["n_targets"])
             )
-        for far in DECLARED["fars"] if condition != rival else ():
-            own, its, chance = alone(compared.pairs, far, condition, rival)
-            row[f"alone, at {far:g}"] = f"{own}, {rival} {its}, p = {chance:.2g}"
+        if condition != rival:
+            own, its, chance = alone(compared.pairs, DECLARED["fars"][-1], condition, rival)
+            row["against"] = rival
+            row[f"alone, at {DECLARED['fars'][-1]:g}"] = f"{own} and {its}, p = {chance:.2g}"
         rows.append(row)
     return pd.DataFrame(rows).fillna("·")
 
