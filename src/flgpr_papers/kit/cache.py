@@ -16,7 +16,6 @@ from flgpr.model import Lane
 from flgpr.progress import Track
 from flgpr.simulate import Scene, Sensor, draw_world
 from flgpr.store import Bundle, canonical_json, read_manifest, sha256, write_bundle, write_whole
-from flgpr.store.lane_file import lane_file_of
 from flgpr.types import Arrays
 
 
@@ -100,7 +99,9 @@ def store_lane(
         # The digest goes first: an interrupted simulation must not pass for a finished one.
         digest_file.unlink(missing_ok=True)
         shutil.rmtree(store, ignore_errors=True)
-        lane_file_of(store).unlink(missing_ok=True)
-        simulate_to_store(scene, sensor, seed, store, track=track, blind=True)
+        for beside in ("truth.*", "objects.*", "lane.toml"):
+            for path in store.parent.glob(f"{store.stem}-{beside}"):
+                path.unlink()
+        simulate_to_store(scene, sensor, seed, store, track=track)
         write_whole(digest_file, digest + "\n")
     return store, draw_world(scene, seed).truth(), scene.lane
