@@ -1,16 +1,22 @@
 """Which alarms stand out from those of their lane, without truth."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from flgpr.method.imaged_run import ImagedRun
+from flgpr.method.instead import bright_beside, describe_trust
+from flgpr.method.method import detection_of, engine_of
 from flgpr.method.sections import seen_part
 from flgpr.method.stands_out import ABOVE, DENSEST, FEWEST, tail_threshold, what_stands_out
 from flgpr.model import Lane
+from flgpr.recipe.schema import parse_recipe
 from flgpr.report.overview import alarm_sentence
 from flgpr.results.description import check_description
+from small_lane import small_recipe, small_run
 
 LANE = Lane(-1.5, 1.5, 0.0, 30.0)
 
@@ -96,6 +102,28 @@ def test_too_many_places_are_a_doubt_about_the_run():
     told = what_stands_out(alarms_of(np.ones(20)), LANE, Decides())
     assert "more than a road holds" in told.sentences()[-1]
     assert told.density == pytest.approx(20 / LANE.area)
+
+
+def test_bright_things_beside_the_lane_are_told_where_the_contrast_ranks():
+    places = pd.DataFrame({"x": [0.0, 1.0, 2.0, -2.5, 2.2], "y": 5.0})
+    beside = places.assign(magnitude=[3.0, 4.0, 9.0, 4.5, 4.0])
+    (told,) = bright_beside(beside, LANE)
+    assert told.startswith("brighter than all in the lane, beside it: 2; the contrast misses mines")
+    assert bright_beside(places.assign(magnitude=[3.0, 9.0, 2.0, 4.5, 4.0]), LANE) == []
+    assert bright_beside(beside[2:], LANE) == []  # nothing in the lane to compare with
+    assert bright_beside(beside[:0], LANE) == []
+
+
+@pytest.mark.parametrize(("ranks", "count"), [("contrast", 1), ("magnitude", 0)])
+def test_only_a_ranking_by_contrast_says_what_bright_things_hide(ranks, count):
+    text = f'confidence = "{ranks}"\n' + small_recipe()
+    narrow = Lane(-0.3, 0.3, 3.0, 10.0)  # the scatterer at x = -0.4 lies beside it
+    one = ImagedRun(small_run(), parse_recipe(text), narrow, explains=False)
+    engine_of(one).run()
+    detection = detection_of(one)
+    outshone = detection.alarms.assign(magnitude=detection.alarms["x"].abs())
+    said = describe_trust(one, [replace(detection, alarms=outshone)])["stands_out"]["notes"]
+    assert sum("brighter than all in the lane" in sentence for sentence in said) == count
 
 
 def test_an_alarm_is_explained():

@@ -24,6 +24,7 @@ from flgpr.method.stands_out import (
     training_threshold,
     what_stands_out,
 )
+from flgpr.model import Lane
 from flgpr.recipe.make import fit_recipe
 from flgpr.recipe.schema import parse_recipe, seen_lane
 from flgpr.types import Entries, FloatArray
@@ -138,6 +139,8 @@ def describe_trust(lane: ImagedRun, detections: Sequence[Detection]) -> Entries:
     said = [sentence for stage in lane.all_stages for sentence in stage.sentences()]
     for stage in lane.columns:
         said += stage.of_alarms(detections[0].alarms)
+    if lane.recipe.confidence == "contrast" and lane.model.detector is None:
+        said += bright_beside(detections[0].alarms, lane.lane)
     described["stands_out"]["notes"][1:1] = said
     if lane.trust.far is not None:
         described["far"] = rate_threshold(lane, detections[0].alarms).as_json(
@@ -163,6 +166,19 @@ def describe_trust(lane: ImagedRun, detections: Sequence[Detection]) -> Entries:
     if len(detections) > 1:
         unlike["recipe"] = detections[0].recipe_text
     return described | {"unlike": unlike}
+
+
+def bright_beside(alarms: pd.DataFrame, lane: Lane) -> list[str]:
+    """Return what a ranking by contrast hides where things beside the lane outshine all in it."""
+    inside = lane.contains(alarms["x"].to_numpy(), alarms["y"].to_numpy())
+    strongest = alarms["magnitude"][inside].max()
+    count = int((alarms["magnitude"][~inside] > strongest).sum())
+    if not count:
+        return []
+    return [
+        f"brighter than all in the lane, beside it: {count}; the contrast misses mines within 3 m "
+        'of such things, confidence = "magnitude" fewer'
+    ]
 
 
 def rate_threshold(lane: ImagedRun, alarms: pd.DataFrame) -> RateThreshold:
