@@ -180,8 +180,17 @@ def simulate_lane(
     elif output is not None:
         lines += ground_echo_lines(array)
         with _restart_named():
-            options = (errors, track or silent, not restart, truth)
-            paths += simulate_to_store(loaded_scene, array, seed, output, *options, force=force)
+            paths += simulate_to_store(
+                loaded_scene,
+                array,
+                seed,
+                output,
+                errors,
+                track or silent,
+                resume=not restart,
+                truth=truth,
+                force=force,
+            )
     return SimulationOutput(paths, lines)
 
 

@@ -100,9 +100,18 @@ def simulate_to_store(
             "scene_sha256": _digest(scene),
         }
         inputs = {"flgpr": __version__, "sensor_sha256": _digest(sensor), "errors": errors}
-        fixed = (simulator.frequency, list(sensor.polarization), *sensor.pairs(), attrs)
-        limits = simulator.limits()
-        begun = RunWriter(store, *fixed, resume=resume, inputs=inputs, limits=limits)
+        tx, rx = sensor.pairs()
+        begun = RunWriter(
+            store,
+            simulator.frequency,
+            list(sensor.polarization),
+            tx,
+            rx,
+            attrs,
+            resume=resume,
+            inputs=inputs,
+            limits=simulator.limits(),
+        )
     except RunExistsError as error:
         if not error.same:
             raise
