@@ -139,7 +139,8 @@ def describe_trust(lane: ImagedRun, detections: Sequence[Detection]) -> Entries:
     said = [sentence for stage in lane.all_stages for sentence in stage.sentences()]
     for stage in lane.columns:
         said += stage.of_alarms(detections[0].alarms)
-    if lane.recipe.confidence == "contrast" and lane.model.detector is None:
+    fits_roadside = any(name.endswith(".roadside") for name in lane.recipe.named())
+    if lane.recipe.confidence == "contrast" and lane.model.detector is None and not fits_roadside:
         said += bright_beside(detections[0].alarms, lane.lane)
     described["stands_out"]["notes"][1:1] = said
     if lane.trust.far is not None:
