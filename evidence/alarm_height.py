@@ -16,12 +16,11 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from common import CONTRAST_RECIPE, with_share
+from common import CONTRAST_RECIPE, each_of, simulated, with_share
 from flgpr import detect
 from flgpr.calibrate import focus_poses
 from flgpr.clutter import subtract_mean_scan
 from flgpr.imaging import ImagingOperator
-from flgpr.jobs.simulated_lane import simulate_to_store
 from flgpr.method.method import detect as detect_in_memory
 from flgpr.model import Lane
 from flgpr.recipe.schema import parse_recipe
@@ -42,11 +41,8 @@ SHOWN = ("exact", "1 cm, focused")
 def scene_of(site: str, step: list[float]) -> Scene:
     """Return the road of a site, its things in random order, with a scan every so many metres."""
     rng = stream(DECLARED["seed"], f"things {site}")
-    things = []
-    for sort, listed in DECLARED["things"].items():
-        for entry in listed:
-            single = {name: value for name, value in entry.items() if name != "count"}
-            things += [(sort, single)] * entry["count"]
+    declared = DECLARED["things"].items()
+    things = [(sort, thing) for sort, listed in declared for thing in each_of(listed)]
     placed: dict[str, list[dict[str, Any]]] = {"mines": [], "objects": []}
     for place, number in enumerate(rng.permutation(len(things))):
         sort, thing = things[number]
@@ -80,12 +76,8 @@ def ground_height(scene: Scene, places: np.ndarray) -> np.ndarray:
 
 def road(out: Path, site: str, kind: str) -> Path:
     """Return the run of a site with exact poses, simulated if it is not there."""
-    home = out / site / kind
-    if not (home / "done").is_file():
-        scene = scene_of(site, DECLARED[kind])
-        simulate_to_store(scene, sensor(), DECLARED["seed"], home / "exact.zarr")
-        (home / "done").touch()
-    return home / "exact.zarr"
+    scene = scene_of(site, DECLARED[kind])
+    return simulated(scene, sensor(), DECLARED["seed"], out / site / kind / "exact.zarr")
 
 
 def posed(out: Path, site: str, condition: str) -> Path:

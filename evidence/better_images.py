@@ -16,8 +16,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from common import CONTRAST_RECIPE, alone, with_share
-from flgpr.jobs.simulated_lane import simulate_to_store
+from common import CONTRAST_RECIPE, alone, each_of, simulated, with_share
 from flgpr.method.method import detect
 from flgpr.model import Lane
 from flgpr.recipe.schema import parse_recipe
@@ -46,12 +45,11 @@ RIVALS = {name: "contrast, in the open" for name in CONDITIONS} | {
 def scene_of(site: str, seed: int, bright: bool) -> Scene:
     """Return the road of a site, in the open or with a bright thing beside every mine."""
     rng = stream(seed, f"places {site}")
-    sorts = [one for one in DECLARED["mines"] for _ in range(one["count"])]
+    sorts = each_of(DECLARED["mines"])
     mines, things = [], []
     for place, number in enumerate(rng.permutation(len(sorts))):
-        mine = {name: value for name, value in sorts[number].items() if name != "count"}
         x, y = rng.uniform(-1.0, 1.0), DECLARED["first"] + place * DECLARED["every"]
-        mines.append({**mine, "x": x, "y": y})
+        mines.append({**sorts[number], "x": x, "y": y})
         thing = DECLARED["bright"][place % len(DECLARED["bright"])]
         beside = np.copysign(rng.uniform(1.7, 2.4), x)
         things.append({**thing, "x": beside, "y": y + rng.uniform(-1.5, 1.5)})
@@ -63,12 +61,9 @@ def scene_of(site: str, seed: int, bright: bool) -> Scene:
 
 def road(out: Path, site: str, seed: int, kind: str) -> xr.Dataset:
     """Return the run of a road, "open" or "bright", simulated if it is not there."""
-    home = out / str(seed) / site / kind
-    if not (home / "done").is_file():
-        scene = scene_of(site, seed, kind == "bright")
-        simulate_to_store(scene, sensor(), seed, home / "run.zarr")
-        (home / "done").touch()
-    return open_run(home / "run.zarr").compute()
+    scene = scene_of(site, seed, kind == "bright")
+    run = simulated(scene, sensor(), seed, out / str(seed) / site / kind / "run.zarr")
+    return open_run(run).compute()
 
 
 def with_gaps(run: xr.Dataset) -> xr.Dataset:

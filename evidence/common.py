@@ -5,14 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from scipy.special import expit
 
+from flgpr.jobs.simulated_lane import simulate_to_store
+from flgpr.model import Sensor
 from flgpr.scoring import clopper_pearson, match
 from flgpr.scoring.matching import Match
+from flgpr.simulate import Scene
 from flgpr.store import read_table, write_table
 from flgpr_ground.ground import Ground, GroundLane
 from flgpr_ground.running import ALARMS, entry_folder
@@ -98,6 +101,24 @@ def made_lanes(out: Path, lanes: Iterable[GroundLane]) -> tuple[list[Path], list
             write_table(lane.truth(), truths[-1])
             lane.make(runs[-1])
     return runs, truths
+
+
+def each_of(listed: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return entries of a declaration as often as their ``count`` says, without it."""
+    entries = []
+    for entry in listed:
+        single = {name: value for name, value in entry.items() if name != "count"}
+        entries += [single] * entry["count"]
+    return entries
+
+
+def simulated(scene: Scene, sensor: Sensor, seed: int, run: Path) -> Path:
+    """Return the run of a scene in a folder of its own, simulated unless that was done there."""
+    done = run.with_name("done")
+    if not done.is_file():
+        simulate_to_store(scene, sensor, seed, run)
+        done.touch()
+    return run
 
 
 def alone(pairs: pd.DataFrame, far: float, one: str, other: str) -> tuple[int, int, float]:

@@ -19,12 +19,11 @@ import pandas as pd
 import xarray as xr
 from matplotlib.figure import Figure
 
-from common import CONTRAST_RECIPE, alone, with_share
+from common import CONTRAST_RECIPE, alone, simulated, with_share
 from flgpr import detect
 from flgpr.calibrate import focus_poses
 from flgpr.clutter import subtract_mean_scan
 from flgpr.imaging import ImagingOperator
-from flgpr.jobs.simulated_lane import simulate_to_store
 from flgpr.model import Lane, Sensor, load_sensor
 from flgpr.model.aperture import antennas_in_lane
 from flgpr.scoring import match, side_by_side
@@ -51,11 +50,7 @@ def sensor() -> Sensor:
 
 def road(out: Path, site: str) -> Path:
     """Return the run of a site with exact poses, simulated if it is not there."""
-    run = out / site / "exact.zarr"
-    if not (out / site / "done").is_file():
-        simulate_to_store(scene_of(site), sensor(), DECLARED["seed"], run)
-        (out / site / "done").touch()
-    return run
+    return simulated(scene_of(site), sensor(), DECLARED["seed"], out / site / "exact.zarr")
 
 
 def wrong_poses(

@@ -8,10 +8,17 @@ import pandas as pd
 import pytest
 
 from flgpr.method.imaged_run import ImagedRun
-from flgpr.method.instead import bright_beside, describe_trust
+from flgpr.method.instead import describe_trust
 from flgpr.method.method import detection_of, engine_of
 from flgpr.method.sections import seen_part
-from flgpr.method.stands_out import ABOVE, DENSEST, FEWEST, tail_threshold, what_stands_out
+from flgpr.method.stands_out import (
+    ABOVE,
+    DENSEST,
+    FEWEST,
+    bright_beside,
+    tail_threshold,
+    what_stands_out,
+)
 from flgpr.model import Lane
 from flgpr.recipe.schema import parse_recipe
 from flgpr.report.overview import alarm_sentence

@@ -20,11 +20,11 @@ from flgpr.method.sections import section_lane, seen_part
 from flgpr.method.stands_out import (
     ABOVE,
     RateThreshold,
+    bright_beside,
     own_threshold,
     training_threshold,
     what_stands_out,
 )
-from flgpr.model import Lane
 from flgpr.recipe.make import fit_recipe
 from flgpr.recipe.schema import parse_recipe, seen_lane
 from flgpr.types import Entries, FloatArray
@@ -167,19 +167,6 @@ def describe_trust(lane: ImagedRun, detections: Sequence[Detection]) -> Entries:
     if len(detections) > 1:
         unlike["recipe"] = detections[0].recipe_text
     return described | {"unlike": unlike}
-
-
-def bright_beside(alarms: pd.DataFrame, lane: Lane) -> list[str]:
-    """Return what a ranking by contrast hides where things beside the lane outshine all in it."""
-    inside = lane.contains(alarms["x"].to_numpy(), alarms["y"].to_numpy())
-    strongest = alarms["magnitude"][inside].max()
-    count = int((alarms["magnitude"][~inside] > strongest).sum())
-    if not count:
-        return []
-    return [
-        f"brighter than all in the lane, beside it: {count}; the contrast misses mines within 3 m "
-        'of such things, confidence = "magnitude" fewer'
-    ]
 
 
 def rate_threshold(lane: ImagedRun, alarms: pd.DataFrame) -> RateThreshold:

@@ -250,6 +250,19 @@ def tail_threshold(confidence: FloatArray, area: float) -> float | None:
     return float(ordered[first] + scale * math.log((first + 1) / EXPECTED))
 
 
+def bright_beside(alarms: pd.DataFrame, lane: Lane) -> list[str]:
+    """Return what a ranking by contrast hides where things beside the lane outshine all in it."""
+    inside = lane.contains(alarms["x"].to_numpy(), alarms["y"].to_numpy())
+    strongest = alarms["magnitude"][inside].max()
+    count = int((alarms["magnitude"][~inside] > strongest).sum())
+    if not count:
+        return []
+    return [
+        f"brighter than all in the lane, beside it: {count}; the contrast misses mines within 3 m "
+        'of such things, confidence = "magnitude" fewer'
+    ]
+
+
 def what_stands_out(
     alarms: pd.DataFrame, ground: Lane | None, detector: Detector | None = None
 ) -> StandingOut:
